@@ -348,6 +348,7 @@ def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: fl
     assert caught.value.__cause__.longest == pytest.approx(longest, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1e-4, 1.3e-4])
 @pytest.mark.parametrize("velocity", [0.0, 1.0])
 @pytest.mark.parametrize("damping", [0.0, 1.0])

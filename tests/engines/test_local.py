@@ -237,6 +237,7 @@ def chain(in_pairs: bool) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_pairs", [False, True])
 @pytest.mark.parametrize("many", [4, 10**9])
 def test_in_a_long_chain_what_is_far_goes_on(

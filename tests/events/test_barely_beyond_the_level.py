@@ -96,6 +96,7 @@ def test_a_contact_lets_go_and_sticks_again(name: str, kind: str, excess: float)
         assert result.stats["restarts"] < MOST_RESTARTS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lift", [1e-9, 1e-10, 1e-11, 1e-12])
 def test_a_stop_is_lifted_twice_and_closes_again(lift: float) -> None:
     """A load presses a body against its stop, but for a moment of each period; an open contact hangs on the body."""

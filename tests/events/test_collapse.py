@@ -48,6 +48,7 @@ def changes(result: Result) -> set[tuple[str, float, int]]:
     return {(e.contact, e.t, int(e.after)) for e in result.events}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", ENGINES)
 @pytest.mark.parametrize(
     ("ground", "belt", "moving"),
@@ -169,6 +170,7 @@ def test_what_happens_apart_is_what_happens_alone(options: dict[str, Any]) -> No
     assert both == alone | {(name + "x", t, mode) for name, t, mode in alone}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", ENGINES)
 @pytest.mark.parametrize(
     ("ground", "end"), [((4.0,), "belt"), ((2.0, 2.0), "belt"), ((3.0, 1.0), "belt"), ((4.0,), "shoe")]

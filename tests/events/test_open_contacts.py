@@ -205,6 +205,7 @@ def test_it_moves_with_a_body_that_a_spring_pulls_along(formulation: str) -> Non
     assert [e.t for e in result.events] == pytest.approx([1.0, 1.0], abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [DryFriction(0.0, 0.0), DRY])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_velocity_that_dies_away_keeps_its_mode(law: DryFriction, sign: float) -> None:
@@ -507,6 +508,7 @@ def test_a_contact_that_a_velocity_presses_from_0_on_closes_while_it_slides(meth
     assert not found.events
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"method": "RK4", "step": 1e-4}])
 @pytest.mark.parametrize("law", [Dahl(DryFriction(0.2, 0.2), 1e3), LuGre(DryFriction(0.2, 0.2), 1e3)])
 def test_bristles_that_nothing_presses_are_straight(law: Any, options: dict[str, Any]) -> None:

@@ -256,6 +256,7 @@ def test_bad_gaps_are_refused(values: dict[str, Any], said: str) -> None:
     assert said in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 30.0, 3000.0])
 def test_a_part_that_hops_is_slowed_by_the_impulse_of_the_floor(damping: float) -> None:
     # as long as it slips, m (v_x(t) - v_x(0)) = -mu (impulse of the floor) = -mu m (v_y(t) - v_y(0) + g t), however

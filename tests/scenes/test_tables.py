@@ -379,6 +379,7 @@ def test_tables_that_are_left_together(way: dict[str, Any], law: DryFriction) ->
     assert not result.velocity("rests").any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_what_hardly_leaves_a_corner_is_not_followed_in_steps_of_nothing(way: dict[str, Any]) -> None:
     """A body that is damped forward only is carried along from rest, very slowly at first."""

@@ -544,6 +544,7 @@ def test_slow_functions_are_the_same_as_fast_ones() -> None:
         np.testing.assert_allclose(np.array(times(slow)) / second, times(first), rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity", [0.0, 1e-6])
 @pytest.mark.parametrize("delay", [0.0, 1e4])
 @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])

@@ -34,6 +34,7 @@ from stickslip import (
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-13}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
 @pytest.mark.parametrize("kind", ["Dahl", "LuGre", "function", "sum", "table"])
 def test_a_slow_motion_of_a_stiff_body_has_the_accuracy_that_was_asked_for(kind: str, method: Any) -> None:

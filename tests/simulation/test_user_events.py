@@ -244,6 +244,7 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
     assert further.status == 0 and [event.contact for event in further.events] == ["cone"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.1, 0.5, 0.9, 0.99])
 @pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 0.01}])
 def test_what_is_cut_off_comes_to_its_limit_and_stays(way: dict[str, Any], limit: float) -> None:

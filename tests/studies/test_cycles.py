@@ -529,6 +529,7 @@ def test_a_block_that_reads_the_time_is_refused(period: float | None) -> None:
     assert cycle.stable and cycle.closes < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [0.01, 0.1, 0.3])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_a_ball_that_rests_on_a_table_moves_with_it(amplitude: float, restitution: float) -> None:
@@ -645,6 +646,7 @@ def test_a_geared_stick_slip_oscillator_is_that_of_one_body() -> None:
     assert two.stable and not one.multipliers.any() and not two.multipliers.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("anchor", ["table", GROUND])
 def test_where_a_drive_is_does_not_deviate(anchor: str) -> None:
     """Hits on a table that swings: two multipliers, those of the body, whether a spring reads the table's place or not.

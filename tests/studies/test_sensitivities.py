@@ -310,6 +310,7 @@ def test_friction_that_is_steep_at_rest(exponent: float, off: float, name: str) 
     assert np.abs(all_of(found)[:, 0] - told).max() <= off * np.abs(told).max()
 
 
+@pytest.mark.slow
 def test_friction_that_falls_too_steeply_from_rest_has_no_derivative() -> None:
     """``w' = c w^d + k v t`` with d < 1/2: the first term outruns the second, which tells when it begins."""
     found = sensitivities(steep_belt(0.4), (0.0, 4.0), ["h.velocity", "b.velocity"])
