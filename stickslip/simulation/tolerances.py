@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,18 +201,16 @@ def _known(system: System, start: float, stop: float) -> Array:
     """Return the velocities that bodies start with, and those that drives and stretched springs may give them."""
     scene, n = system.scene, system.n
     found = np.array([abs(body.velocity) for body in scene.bodies])
-    place = [element.position for element in (*scene.bodies, *scene.drives)]
     led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
     for ends in [row.coefficients for row in system.rows] + [link.coefficients for link in system.couplings]:
         fastest = max((abs(c) * led[i - n] for i, c in ends.items() if n <= i < n + len(led)), default=0.0)
         for i, c in ends.items():
             if i < n:
                 found[i] = max(found[i], fastest / abs(c))
-    for link in system.couplings:
-        offset = abs(sum(c * place[i] for i, c in link.coefficients.items()) - link.rest)
-        for i in link.coefficients:
+    for coefficients, stiffness, offset in _stretched(system):
+        for i in coefficients:
             if i < n and system.inertia[i]:
-                found[i] = max(found[i], offset * math.sqrt(link.stiffness / system.inertia[i]))
+                found[i] = max(found[i], offset * math.sqrt(stiffness / system.inertia[i]))
     return found
 
 
@@ -229,29 +228,35 @@ def _pushed(system: System, start: float, stop: float) -> Array:
     return found
 
 
+def _stretched(system: System) -> Iterator[tuple[Mapping[int, float], float, float]]:
+    """Return the coefficients of springs and gaps, their stiffnesses, and how far they are from rest at the start."""
+    scene = system.scene
+    place = [element.position for element in (*scene.bodies, *scene.drives)]
+
+    def at(coefficients: Mapping[int, float]) -> float:
+        return float(sum(c * place[i] for i, c in coefficients.items()))
+
+    for link in system.couplings:
+        if link.stiffness:
+            yield link.coefficients, link.stiffness, abs(at(link.coefficients) - link.rest)
+    for gap, j in zip(scene.gaps, system.is_gap.nonzero()[0].tolist(), strict=True):
+        coefficients = system.rows[j].coefficients
+        x = at(coefficients)
+        # where its damping is clipped a gap is as stiff as two
+        yield coefficients, 2 * gap.stiffness, max(x - gap.upper, gap.lower - x, 0.0)
+
+
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:
     """Return the velocity scale, the highest natural frequency (rad/s, 0 without springs), and whether V is a guess."""
     scene = system.scene
-    stiffness = np.zeros(system.n + system.drives)
-    place = [element.position for element in (*scene.bodies, *scene.drives)]
-    stretched = 0.0
-    for link in system.couplings:
-        offset = sum(c * place[i] for i, c in link.coefficients.items()) - link.rest
-        if link.stiffness:
-            # the stretch as a displacement of the body with the shortest lever
-            stretched = max(stretched, abs(offset) / min(map(abs, link.coefficients.values())))
-        for i, c in link.coefficients.items():
-            stiffness[i] += link.stiffness * c * c
-    for gap, j in zip(scene.gaps, system.is_gap.nonzero()[0].tolist(), strict=True):
-        coefficients = system.rows[j].coefficients
-        at = sum(c * place[i] for i, c in coefficients.items())
-        depth = max(at - gap.upper, gap.lower - at, 0.0)
-        stretched = max(stretched, depth / min(map(abs, coefficients.values())))
+    total, stretched = np.zeros(system.n + system.drives), 0.0
+    for coefficients, stiffness, offset in _stretched(system):
+        # the stretch as a displacement of the body with the shortest lever
+        stretched = max(stretched, offset / min(map(abs, coefficients.values())))
         for i, c in coefficients.items():
-            # where its damping is clipped a gap is as stiff as two
-            stiffness[i] += 2 * gap.stiffness * c * c
+            total[i] += stiffness * c * c
     heavy = system.inertia > 0
-    squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
+    squared = 2 * total[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
     speeds += [largest_value(drive.velocity, start, stop) for drive in scene.drives]
