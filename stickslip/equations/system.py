@@ -141,7 +141,7 @@ class System:
             for (i, _, label), (_, linear) in zip(book.forces, forces, strict=True)
             if linear is not None
         ]
-        normals = {
+        self._presses = normals = {
             j: reader.form(linear, f"the normal force of contact {book.rows[j].name!r}")
             for j, (_, linear) in enumerate(pressed)
             if linear is not None
@@ -156,6 +156,10 @@ class System:
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
+        # what each state of a block follows
+        self._given_to = {state: [form] for state, form in self._rates.items()}
+        for own, _, forms in sampled:
+            self._given_to |= dict.fromkeys(range(own.first, own.end), forms)
         acting = len(reader.nodes)
         observed = [reader.form(load, "the quantity of an event") for load in book.observed]
         self._number_inputs(book, [own for own, _ in forces])
@@ -247,26 +251,40 @@ class System:
     def transmission(self) -> Transmission:
         """How fast bodies move with each other."""
         joined = [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
-        return Transmission(self.n, joined, sorted(self._followed()))
+        return Transmission(self.n, joined, self._followed())
 
-    def _followed(self) -> set[int]:
-        """Return the bodies that forces follow, and those that such forces push or press."""
-        forms = [*(form for _, form in self.pushes), *self._rates.values()]
-        read = {state for form in forms for state in form.states}
-        read.update(state for _, _, inputs in self.sampled for state in inputs.columns.tolist())
-        found = {
-            i for i, form in self.pushes if form.states or any(kind == "node" for kind, _, _ in form.inputs)
-        }
-        rows: set[int] = set()
-        if self.dependence is not None:
-            read.update(self.dependence.columns.tolist())
-            rows.update(
-                self.dependence.rows.tolist(), (node.row for node in self.dependence.nodes if node.row >= 0)
-            )
-        rows.update(j for j, state in self.bristle_state.items() if state in read)
-        placed = {state: i for i, state in self.position_state.items()}
-        found.update(placed.get(state, state) for state in read)
-        found.update(i for j in rows for i in self.rows[j].coefficients)
+    def _followed(self) -> list[tuple[int, int]]:
+        """Return which bodies forces follow, each with one that such a force pushes."""
+        pushes = [(form, {i}) for i, form in self.pushes]
+        pushes += [(form, set(self.rows[j].coefficients)) for j, form in self._presses.items()]
+        return [
+            (one, other)
+            for form, pushed in pushes
+            for one in self._read(form)
+            for other in pushed
+            if other < self.n and one != other
+        ]
+
+    def _read(self, form: Form) -> set[int]:
+        """Return the bodies that a form follows, at once or by way of functions and blocks."""
+        found, seen = set[int](), set[int]()
+        bodies = {state: i for i, state in self.position_state.items()} | {i: i for i in range(self.n)}
+        rows = {state: j for j, state in self.bristle_state.items()}
+        open_ones = [form]
+        while open_ones:
+            one = open_ones.pop()
+            nodes = {number for kind, number, _ in one.inputs if kind == "node"}
+            for node in (self.reader.nodes[k] for k in nodes):
+                open_ones += node.arguments
+                found.update(self.rows[node.row].coefficients if node.row >= 0 else ())
+            for state in one.states:
+                if state in bodies:
+                    found.add(bodies[state])
+                elif state in rows:
+                    found.update(self.rows[rows[state]].coefficients)
+                elif state not in seen:
+                    seen.add(state)
+                    open_ones += self._given_to.get(state, ())
         return {i for i in found if i < self.n}
 
     def _push(self, book: Book) -> None:

@@ -14,8 +14,8 @@ from stickslip.model.arrays import Array
 class Transmission:
     """The parts of a scene, and how fast the bodies of each move with each other.
 
-    `joined` are the coefficients of rows, springs and dampers on `n` bodies, and on drives, which join nothing.
-    `followed` are bodies that forces follow or that such forces push: signals join them, too.
+    `joined` are the coefficients of rows, springs and dampers on `n` bodies, and on drives, which join nothing. Of two
+    bodies in `followed` a force follows the first and pushes the second: it hands velocities on, but only that way.
 
     Attributes
     ----------
@@ -23,24 +23,22 @@ class Transmission:
         The number of the part that each body belongs to.
     ratio : array (n,)
         Velocities of the bodies where all of their part move with one whose velocity is 1. In a loop those levers count
-        that are nearest to 1. Signals join those bodies of parts that are the fastest.
+        that are nearest to 1.
     is_uniform : bool
         Whether all bodies and drives move with each other, one as fast as the other.
     """
 
-    def __init__(self, n: int, joined: Sequence[Mapping[int, float]], followed: Collection[int] = ()) -> None:
+    def __init__(
+        self, n: int, joined: Sequence[Mapping[int, float]], followed: Collection[tuple[int, int]] = ()
+    ) -> None:
         self._root, self._ratio = list(range(n)), [1.0] * n
         for i, j, ratio in sorted(_pairs(n, joined), key=lambda pair: abs(math.log(pair[2]))):
             self._join(i, j, ratio)
-        fastest: dict[int, tuple[float, int]] = {}
-        for i in followed:
-            part, ratio = self._found(i)
-            fastest[part] = max(fastest.get(part, (0.0, i)), (ratio, i))
-        for (_, i), (_, j) in pairwise(fastest.values()):
-            self._join(i, j, 1.0)
         found = [self._found(i) for i in range(n)]
         self.part = np.unique([root for root, _ in found], return_inverse=True)[1].astype(np.intp)
         self.ratio = np.array([ratio for _, ratio in found])
+        ends = np.array(list(followed), dtype=np.intp).reshape(-1, 2)
+        self._from, self._to = ends[self.part[ends[:, 0]] != self.part[ends[:, 1]]].T
         alike = all(len({abs(c) for c in one.values()}) <= 1 for one in joined)
         self.is_uniform = alike and not self.part.any()
 
@@ -66,6 +64,12 @@ class Transmission:
         """Return the velocities that bodies may have from each other; none is faster than the fastest."""
         fastest = np.zeros(self.part.max(initial=-1) + 1)
         np.maximum.at(fastest, self.part, speeds / self.ratio)
+        for _ in range(fastest.size if self._from.size else 0):
+            before = fastest.copy()
+            given = self.ratio[self._from] * fastest[self.part[self._from]]
+            np.maximum.at(fastest, self.part[self._to], given / self.ratio[self._to])
+            if (fastest == before).all():
+                break
         return np.asarray(np.minimum(self.ratio * fastest[self.part], speeds.max(initial=0.0)))
 
 

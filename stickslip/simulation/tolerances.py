@@ -38,8 +38,8 @@ _NOISE, _SEEN = 1e-11, 1e-3
 _ROUNDOFF = 1e-15
 """Part of what adds up in accelerations, times the span, that no absolute tolerance of velocities goes below."""
 
-_SLOWEST = 1e-13
-"""Part of the scene's velocities that those of each part are taken for at least."""
+_UNSEEN = 1e-13
+"""Part of the scene's velocities below which loads tell nothing of a part: a few times miss pulses."""
 
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
@@ -132,8 +132,9 @@ def tolerances(
     each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
     if speed > 0:
         time = min(stop - start, 1.0 / frequency if frequency else math.inf)
-        each[system.moved_state] = np.minimum(atol, rtol * speeds[system.moved] * time)
-        each[system.carried_state] = min(atol, rtol * speed * time)
+        each[system.n : system.first_bristle] = min(atol, rtol * speed * time)
+        moves = speeds[system.moved] > 0
+        each[system.moved_state[moves]] = np.minimum(atol, rtol * speeds[system.moved[moves]] * time)
     for j, state in system.bristle_state.items():
         if system.pressed[j]:
             continue
@@ -194,7 +195,7 @@ def _speeds(system: System, start: float, stop: float, speed: float) -> Array:
         for found in (_known(system, start, stop), _pushed(system, start, stop))
     )
     # as in the scene loads count where nothing else tells
-    return np.maximum(np.where(known > 0, known, pushed), _SLOWEST * speed)
+    return np.where(known > 0, known, np.where(pushed > _UNSEEN * speed, pushed, 0.0))
 
 
 def _known(system: System, start: float, stop: float) -> Array:

@@ -24,14 +24,18 @@ def test_drives_join_nothing() -> None:
     assert found.handed_on(np.array([1.0, 2.0])).tolist() == [1.0, 2.0]
 
 
-def test_signals_join_what_nothing_else_does() -> None:
-    """A controller reads the table behind a screw, and a slide beside it; a flywheel it does not know."""
-    found = Transmission(4, [{0: 1e-3, 1: -1.0}], [0, 1, 2])
-    assert found.part.tolist() == [0, 0, 0, 1]
+def test_signals_hand_velocities_on_one_way() -> None:
+    """A controller of the motor reads the table behind its screw; a slide beside it follows the motor."""
+    found = Transmission(4, [{0: 1e-3, 1: -1.0}], [(1, 0), (0, 2)])
+    assert found.part.tolist() == [0, 0, 1, 2]
     assert found.handed_on(np.array([300.0, 0.1, 0.2, 5.0])) == pytest.approx([300.0, 0.3, 300.0, 5.0])
-    turned = Transmission(4, [{1: 1e-3, 0: -1.0}], [0, 1, 2])
-    assert turned.handed_on(np.array([0.1, 300.0, 0.2, 5.0])) == pytest.approx([0.3, 300.0, 300.0, 5.0])
-    assert Transmission(2, [], [0, 1]).is_uniform
+    assert found.handed_on(np.array([0.0, 0.0, 0.2, 5.0])).tolist() == [0.0, 0.0, 0.2, 5.0]
+
+
+def test_signals_hand_on_what_signals_gave() -> None:
+    found = Transmission(3, [], [(1, 2), (0, 1)])
+    assert found.handed_on(np.array([3.0, 1.0, 2.0])).tolist() == [3.0, 3.0, 3.0]
+    assert found.handed_on(np.array([0.0, 1.0, 2.0])).tolist() == [0.0, 1.0, 2.0]
 
 
 def test_levers_of_drives_count() -> None:

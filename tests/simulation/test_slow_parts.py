@@ -8,6 +8,8 @@ import pytest
 
 from stickslip import (
     GROUND,
+    TIME,
+    Block,
     Body,
     Contact,
     Damper,
@@ -26,6 +28,7 @@ from stickslip import (
     position,
     signal,
     simulate,
+    sine,
     velocity,
 )
 
@@ -248,3 +251,53 @@ def test_signals_that_do_not_reach_a_slow_slide_leave_it_alone(motor_first: bool
     result = simulate(scene, (0.0, 0.9), method="BDF")
     assert [event.after for event in result.events] == [0]
     assert result.events[0].t == pytest.approx(0.5, rel=1e-6)
+
+
+SIGNALS = {
+    "none": (),
+    "their own": (Force("fly", -1e-3 * velocity("fly")), Force("slide", -1e-9 * velocity("slide"))),
+    "one follows": (Force("fly", 1e-3 * velocity("slide")),),
+    "by blocks": (
+        pid("governor", 300 - 1 * velocity("fly"), kp=1e-3, ki=1e-3),
+        Force("fly", output("governor")),
+        pid("feed", -1 * velocity("slide"), kp=1e-9),
+        Force("slide", output("feed")),
+    ),
+}
+
+
+@pytest.mark.parametrize("signals", SIGNALS.values(), ids=SIGNALS)
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_a_slow_slide_turns_beside_a_governed_flywheel(
+    method: str, signals: tuple[Block | Force, ...]
+) -> None:
+    """Without friction ``v = 0.001 (0.98 + cos t)``, so it turns for 0.4 s, nearly without friction."""
+    scene = Scene(
+        Body("slide", inertia=1.0, velocity=1.98e-3),
+        Force("slide", sine(-1e-3, 0.5 / math.pi)),
+        Contact("c", "slide", GROUND, DryFriction(0.2, 0.2), normal=5e-7),
+        FLY,
+        *signals,
+    )
+    result = simulate(scene, (0.0, 6.0), method=method)
+    assert [event.after for event in result.events] == [-1, 1]
+    exact = simulate(scene, (0.0, 6.0), method="series")
+    for one, other in zip(result.events, exact.events, strict=True):
+        assert one.t == pytest.approx(other.t, abs=1e-5)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_a_part_that_only_a_signal_moves_moves_as_alone(method: str) -> None:
+    """Nothing tells how fast it will be; it lets go where t^2 is 0.3."""
+    part = [
+        Body("slide", inertia=1.0),
+        Spring("slide", GROUND, stiffness=4.0),
+        Contact("c", "slide", GROUND, DryFriction(0.3, 0.3), normal=1.0),
+        Force("slide", feedback(lambda t: max(t, 0.0) ** 2, TIME)),
+    ]
+    alone, beside = (
+        simulate(Scene(*part, *more), (0.0, 2.0), method=method, rtol=1e-9) for more in ([], [FLY])
+    )
+    assert [event.after for event in beside.events] == [event.after for event in alone.events]
+    assert beside.events[0].t == pytest.approx(math.sqrt(0.3), abs=1e-8)
+    assert beside.velocity("slide")[-1] == pytest.approx(alone.velocity("slide")[-1], abs=1e-7)
