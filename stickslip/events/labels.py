@@ -91,4 +91,6 @@ def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array) -> t
         to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
         rise += np.abs(term) * horizon ** (k - 1)
         push += magnitude[k] * horizon ** (k - 1)
-    return to_come, (rise <= _CALM * push) | (rise * horizon <= slow)
+    calm = rise <= _CALM * push
+    # what a function of time does later its slopes here do not tell
+    return to_come, calm if motion.stretch.has_functions else calm | (rise * horizon <= slow)

@@ -246,6 +246,14 @@ def _settled(
     regions = system.piecewise.at(y, q, now.regions)
     search = Search(system, stretch, now, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
+    caught = motion.equations.is_held & ~candidates
+    if np.count_nonzero(caught):
+        # rows that come to rest with others may leave no motion to rows that still have a velocity
+        locked = (np.abs(motion.equations.modes) == 1) & system.hard & motion.equations.always_locked
+        if locked.any():
+            y = _project(system, now.y, u, motion.equations.is_held)
+            now = now._replace(y=y, touching=now.touching | caught | locked)
+            return _settled(system, stretch, now, uncertainty, q, closed)
     crossed = np.zeros(system.m, dtype=bool) if beyond is None else now.crossed
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open

@@ -28,6 +28,7 @@ from stickslip import (
     Spring,
     output,
     piecewise_linear,
+    signal,
     simulate,
     sine,
     step,
@@ -535,3 +536,23 @@ def test_bristles_that_nothing_presses_are_straight(law: Any, options: dict[str,
     assert at.velocity("a")[1:] == pytest.approx([turned, after((1.0, 1.1), turned)], abs=1e-7)
     assert simulate(scene, (0.0, 0.5), **options).final_scene().contacts[0].deflection == 0.0
     assert result.power("c").min() > -1e-9
+
+
+@pytest.mark.parametrize("peak", [2.0, 5.0])
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_pulse_of_which_nothing_is_seen_at_the_start_moves_it_from_there_on(
+    peak: float, beside: bool
+) -> None:
+    """A Gaussian of 3 N and 0.5 s pushes 1 kg: v grows from the start to 0.75 sqrt(pi) at its peak."""
+    pulse = signal(lambda t: 3.0 * math.exp(-(((t - peak) / 0.5) ** 2)))
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Force("b", pulse),
+        Contact("c", "b", GROUND, DRY, normal=piecewise_linear([peak, peak + 2.0], [0.0, 2.0])),
+        *([Body("fly", inertia=1.0, velocity=300.0)] if beside else []),
+    )
+    result = simulate(scene, (0.0, peak + 0.5), method="BDF", max_step=0.1)
+    assert not result.events
+    assert (result.mode("c") == Mode.FORWARD).all()
+    found = result.sample([peak]).velocity("b")[0]
+    assert found == pytest.approx(0.75 * math.sqrt(math.pi), rel=1e-6)

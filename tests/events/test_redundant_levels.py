@@ -15,6 +15,7 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Damper,
     Drive,
     DryFriction,
     Force,
@@ -304,3 +305,24 @@ def test_many_blocks_on_two_contacts_each_move_as_on_one(
     y = right.sample(found.t).y
     np.testing.assert_allclose(found.y, y, rtol=0, atol=1e-10 * np.abs(y).max())
     assert any(isinstance(part, Patchwork) for part in found.trajectory.parts) == part_by_part
+
+
+@pytest.mark.parametrize("method", ["series", "BDF", "Adams", "RK4"])
+@pytest.mark.parametrize("velocity", [0.3, 1.0, 2.0])
+def test_what_others_bring_to_rest_is_at_rest(method: str, velocity: float) -> None:
+    """Dampers bring two bodies to rest, and the contacts between them and to the ground hold them together."""
+    law = DryFriction(0.3, 0.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=2.0, velocity=velocity),
+        Damper("a", GROUND, damping=2.0),
+        Damper("b", "a", damping=1.0),
+        Damper("b", GROUND, damping=1.0),
+        Contact("ca", "a", GROUND, law, normal=1.0),
+        Contact("cb", "b", GROUND, law, normal=1.0),
+        Contact("ab", "b", "a", law, normal=1.0),
+    )
+    step = {"step": 0.01} if method == "RK4" else {}
+    result = simulate(scene, (0.0, 50.0), method=method, **step)
+    assert not result.final_scene().bodies[0].velocity
+    assert [int(result.mode(name)[-1]) for name in ("ca", "cb", "ab")] == [0, 0, 0]
