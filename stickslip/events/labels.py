@@ -12,7 +12,7 @@ from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
-_CALM = 1e-7
+_CALM, _CALM_IF_EXACT = 1e-7, 1e-11
 """A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
 
@@ -62,10 +62,11 @@ def _to_come(
     is_open = motion.equations.modes == OPEN
     slow = uncertainty.velocity_resolution
     uncertain = np.where(crossed, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
-    to_come, calm = _first_terms(motion, 2, slow, uncertain)
+    still = _CALM_IF_EXACT if uncertainty.velocity_uncertainty is None else _CALM
+    to_come, calm = _first_terms(motion, 2, slow, uncertain, still)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
-        to_come, calm = _first_terms(motion, HIGHEST, slow, uncertain)
+        to_come, calm = _first_terms(motion, HIGHEST, slow, uncertain, still)
     calm &= ~crossed
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
@@ -75,7 +76,9 @@ def _to_come(
     return named, died
 
 
-def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array) -> tuple[Array, Mask]:
+def _first_terms(
+    motion: Motion, order: int, slow: Array, uncertain: Array, still: float
+) -> tuple[Array, Mask]:
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
@@ -91,6 +94,6 @@ def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array) -> t
         to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
         rise += np.abs(term) * horizon ** (k - 1)
         push += magnitude[k] * horizon ** (k - 1)
-    calm = rise <= _CALM * push
+    calm = rise <= still * push
     # what a function of time does later its slopes here do not tell
     return to_come, calm if motion.stretch.has_functions else calm | (rise * horizon <= slow)

@@ -246,14 +246,10 @@ def _settled(
     regions = system.piecewise.at(y, q, now.regions)
     search = Search(system, stretch, now, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
-    caught = motion.equations.is_held & ~candidates
-    if np.count_nonzero(caught):
-        # rows that come to rest with others may leave no motion to rows that still have a velocity
-        locked = (np.abs(motion.equations.modes) == 1) & system.hard & motion.equations.always_locked
-        if locked.any():
-            y = _project(system, now.y, u, motion.equations.is_held)
-            now = now._replace(y=y, touching=now.touching | caught | locked)
-            return _settled(system, stretch, now, uncertainty, q, closed)
+    if (stopped := _stopped_by(motion, candidates)) is not None:
+        y = _project(system, now.y, u, motion.equations.is_held)
+        now = now._replace(y=y, touching=now.touching | stopped)
+        return _settled(system, stretch, now, uncertainty, q, closed)
     crossed = np.zeros(system.m, dtype=bool) if beyond is None else now.crossed
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
@@ -269,6 +265,19 @@ def _settled(
     if system.piecewise.count:
         shown = system.piecewise.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards)
+
+
+def _stopped_by(motion: Motion, candidates: Mask) -> Mask | None:
+    """Return the rows that the search has stopped beside its candidates, and those to which they leave no motion.
+
+    None if all that move have a motion left.
+    """
+    equations = motion.equations
+    caught: Mask = equations.is_held & ~candidates
+    if not np.count_nonzero(caught):
+        return None
+    locked = (np.abs(equations.modes) == 1) & motion.system.hard & equations.always_locked
+    return caught | locked if locked.any() else None
 
 
 def _tried_first(

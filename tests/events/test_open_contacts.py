@@ -556,3 +556,22 @@ def test_a_pulse_of_which_nothing_is_seen_at_the_start_moves_it_from_there_on(
     assert (result.mode("c") == Mode.FORWARD).all()
     found = result.sample([peak]).velocity("b")[0]
     assert found == pytest.approx(0.75 * math.sqrt(math.pi), rel=1e-6)
+
+
+def test_a_loaded_body_that_rings_down_shows_how_it_moves() -> None:
+    """On a spring and a damper ``v = exp(-sigma t) (a cos(omega t) + b sin(omega t))``: 4e-8 of that is left at 4 s."""
+    scene = Scene(
+        Body("drum", inertia=1.6, velocity=9.46),
+        Spring("drum", GROUND, stiffness=11616.0, damping=13.552),
+        Contact("brake", "drum", GROUND, DRY, normal=0.0),
+        Force("drum", 215.0),
+    )
+    sigma = 13.552 / 3.2
+    omega = math.sqrt(11616.0 / 1.6 - sigma**2)
+    b = ((215.0 - 13.552 * 9.46) / 1.6 + sigma * 9.46) / omega
+    first = (math.pi / 2 + math.atan(b / 9.46)) / omega
+    result = simulate(scene, (0.0, 4.0), method="series")
+    assert [event.t for event in result.events] == pytest.approx(
+        np.arange(first, 4.0, math.pi / omega).tolist(), abs=1e-7
+    )
+    assert {event.after for event in result.events} == {-1, 1}
