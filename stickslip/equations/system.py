@@ -8,7 +8,7 @@ or whose position is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -257,20 +257,19 @@ class System:
         """Return which bodies forces follow, each with one that such a force pushes."""
         pushes = [(form, {i}) for i, form in self.pushes]
         pushes += [(form, set(self.rows[j].coefficients)) for j, form in self._presses.items()]
+        own = {i: [i] for i in range(self.n)} | {state: [i] for i, state in self.position_state.items()}
+        own |= {state: list(self.rows[j].coefficients) for j, state in self.bristle_state.items()}
         return [
             (one, other)
             for form, pushed in pushes
-            for one in self._read(form)
+            for one in self._read(form, own)
             for other in pushed
             if other < self.n and one != other
         ]
 
-    def _read(self, form: Form) -> set[int]:
-        """Return the bodies that a form follows, at once or by way of functions and blocks."""
-        found, seen = set[int](), set[int]()
-        bodies = {state: i for i, state in self.position_state.items()} | {i: i for i in range(self.n)}
-        rows = {state: j for j, state in self.bristle_state.items()}
-        open_ones = [form]
+    def _read(self, form: Form, own: Mapping[int, Sequence[int]]) -> set[int]:
+        """Return the bodies that a form follows, at once or by functions and blocks; states are `own` to some."""
+        found, seen, open_ones = set[int](), set[int](), [form]
         while open_ones:
             one = open_ones.pop()
             nodes = {number for kind, number, _ in one.inputs if kind == "node"}
@@ -278,11 +277,8 @@ class System:
                 open_ones += node.arguments
                 found.update(self.rows[node.row].coefficients if node.row >= 0 else ())
             for state in one.states:
-                if state in bodies:
-                    found.add(bodies[state])
-                elif state in rows:
-                    found.update(self.rows[rows[state]].coefficients)
-                elif state not in seen:
+                found.update(own.get(state, ()))
+                if state not in seen:
                     seen.add(state)
                     open_ones += self._given_to.get(state, ())
         return {i for i in found if i < self.n}
