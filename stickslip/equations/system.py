@@ -247,11 +247,15 @@ class System:
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
+    @property
+    def connections(self) -> list[Mapping[int, float]]:
+        """The coefficients of rows, springs and dampers on bodies and drives."""
+        return [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
+
     @cached_property
     def transmission(self) -> Transmission:
         """How fast bodies move with each other."""
-        joined = [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
-        return Transmission(self.n, joined, self._followed())
+        return Transmission(self.n, self.connections, self._followed())
 
     def _followed(self) -> list[tuple[int, int]]:
         """Return which bodies forces follow, each with one that such a force pushes."""

@@ -31,34 +31,16 @@ class Transmission:
     def __init__(
         self, n: int, joined: Sequence[Mapping[int, float]], followed: Collection[tuple[int, int]] = ()
     ) -> None:
-        self._root, self._ratio = list(range(n)), [1.0] * n
+        parts = _Parts(n)
         for i, j, ratio in sorted(_pairs(n, joined), key=lambda pair: abs(math.log(pair[2]))):
-            self._join(i, j, ratio)
-        found = [self._found(i) for i in range(n)]
-        self.part = np.unique([root for root, _ in found], return_inverse=True)[1].astype(np.intp)
+            parts.join(i, j, ratio)
+        found = [parts.of(i) for i in range(n)]
+        self.part = np.unique([first for first, _ in found], return_inverse=True)[1].astype(np.intp)
         self.ratio = np.array([ratio for _, ratio in found])
         ends = np.array(list(followed), dtype=np.intp).reshape(-1, 2)
         self._from, self._to = ends[self.part[ends[:, 0]] != self.part[ends[:, 1]]].T
         alike = all(len({abs(c) for c in one.values()}) <= 1 for one in joined)
         self.is_uniform = alike and not self.part.any()
-
-    def _found(self, i: int) -> tuple[int, float]:
-        """Return the body that stands for the part of a body, and its ratio to that."""
-        way = []
-        while self._root[i] != i:
-            way.append(i)
-            i = self._root[i]
-        ratio = 1.0
-        for k in reversed(way):
-            ratio *= self._ratio[k]
-            self._root[k], self._ratio[k] = i, ratio
-        return i, ratio
-
-    def _join(self, i: int, j: int, ratio: float) -> None:
-        """Join the parts of two bodies, of which one moves `ratio` times as fast as the other."""
-        (one, own), (other, its) = self._found(i), self._found(j)
-        if one != other:
-            self._root[one], self._ratio[one] = other, ratio * its / own
 
     def handed_on(self, speeds: Array) -> Array:
         """Return the velocities that bodies may have from each other; none is faster than the fastest."""
@@ -71,6 +53,31 @@ class Transmission:
             if (fastest == before).all():
                 break
         return np.asarray(np.minimum(self.ratio * fastest[self.part], speeds.max(initial=0.0)))
+
+
+class _Parts:
+    """The parts of `n` bodies while they are joined; each body has another one of its part, and its ratio to that."""
+
+    def __init__(self, n: int) -> None:
+        self._other, self._ratio = list(range(n)), [1.0] * n
+
+    def of(self, i: int) -> tuple[int, float]:
+        """Return the body that stands for the part of a body, and its ratio to that."""
+        way = []
+        while self._other[i] != i:
+            way.append(i)
+            i = self._other[i]
+        ratio = 1.0
+        for k in reversed(way):
+            ratio *= self._ratio[k]
+            self._other[k], self._ratio[k] = i, ratio
+        return i, ratio
+
+    def join(self, i: int, j: int, ratio: float) -> None:
+        """Join the parts of two bodies, of which one moves `ratio` times as fast as the other."""
+        (one, own), (other, its) = self.of(i), self.of(j)
+        if one != other:
+            self._other[one], self._ratio[one] = other, ratio * its / own
 
 
 def _pairs(n: int, joined: Sequence[Mapping[int, float]]) -> Iterator[tuple[int, int, float]]:

@@ -203,7 +203,7 @@ def _known(system: System, start: float, stop: float) -> Array:
     scene, n = system.scene, system.n
     found = np.array([abs(body.velocity) for body in scene.bodies])
     led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
-    for ends in [row.coefficients for row in system.rows] + [link.coefficients for link in system.couplings]:
+    for ends in system.connections:
         fastest = max((abs(c) * led[i - n] for i, c in ends.items() if n <= i < n + len(led)), default=0.0)
         for i, c in ends.items():
             if i < n:
@@ -217,16 +217,23 @@ def _known(system: System, start: float, stop: float) -> Array:
 
 def _pushed(system: System, start: float, stop: float) -> Array:
     """Return the velocities that loads alone give their bodies; what forces that follow states give is not known."""
-    found, forces = np.zeros(system.n), system.scene.forces
-    for force, signal in zip(forces, system.others[: len(forces)], strict=True):
+    found = np.zeros(system.n)
+    for i, load in _loads(system):
+        # a function that fails is told of when the run comes to it
+        largest = math.inf
+        with contextlib.suppress(ValueError):
+            largest = largest_value(load, start, stop)
+        found[i] = max(found[i], largest / system.inertia[i] * (stop - start))
+    return found
+
+
+def _loads(system: System) -> Iterator[tuple[int, Signal]]:
+    """Return the loads of bodies with inertia, each after the number of its body."""
+    forces = system.scene.forces
+    for force, load in zip(forces, system.others[: len(forces)], strict=True):
         i = system.index[force.body]
         if system.inertia[i] > 0:
-            # a function that fails is told of when the run comes to it
-            largest = math.inf
-            with contextlib.suppress(ValueError):
-                largest = largest_value(signal, start, stop)
-            found[i] = max(found[i], largest / system.inertia[i] * (stop - start))
-    return found
+            yield i, load
 
 
 def _stretched(system: System) -> Iterator[tuple[Mapping[int, float], float, float]]:
@@ -273,12 +280,9 @@ def _forced(system: System, start: float, stop: float, frequency: float) -> floa
         for i, c in link.coefficients.items():
             damping[i] += link.damping * c * c
     found, time = 0.0, min(stop - start, 1.0 / frequency if frequency else math.inf)
-    forces = system.scene.forces
-    for force, signal in zip(forces, system.others[: len(forces)], strict=True):
-        i = system.index[force.body]
-        if system.inertia[i] > 0:
-            resistance = max(system.inertia[i] / time, damping[i])
-            found = max(found, largest_value(signal, start, stop) / resistance)
+    for i, load in _loads(system):
+        resistance = max(system.inertia[i] / time, damping[i])
+        found = max(found, largest_value(load, start, stop) / resistance)
     return found
 
 
