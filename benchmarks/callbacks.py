@@ -100,7 +100,7 @@ def main() -> None:
             system,
             system.loads(0.0, 4.0),
             Situation(0.0, y, None, np.zeros(system.m), none, none),
-            Uncertainty(0.0, 1e-12, 0.0),
+            Uncertainty(np.zeros(system.m), 1e-12, np.zeros(system.m)),
         )
         motion, guards = now.motion, now.guards
         guards.smallest(1e-2, y)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -40,7 +41,7 @@ def fault(count: int) -> Scene:
     )
 
 
-def on_a_belt(count: int, **curve: float) -> Scene:
+def on_a_belt(count: int, **curve: Any) -> Scene:
     """Return blocks that a belt carries along, held back by springs: they are often stuck to the belt."""
     names, law = [f"b{i}" for i in range(count)], DryFriction(0.35, 0.2, **curve)
     places = 0.5 + 0.5 * np.sin(7.3 * np.arange(count))
@@ -94,14 +95,17 @@ def cpu(run: Callable[[], Any]) -> tuple[Any, float]:
 
 def row(name: str, count: int, stop: float) -> tuple[int, int, float, float, float, float]:
     """Return events, times, and CPU times in s: simulating a scene built anew and once more, reading, drawing."""
-    first, again, read, drawn = [], [], [], []
+    first: list[float] = []
+    again: list[float] = []
+    read: list[float] = []
+    drawn: list[float] = []
     for _ in range(_RUNS):
         scene = SCENES[name][0](count)
         for seconds in (first, again):
-            result, spent = cpu(lambda scene=scene: simulate(scene, (0.0, stop)))
+            result, spent = cpu(partial(simulate, scene, (0.0, stop)))
             seconds.append(spent)
-            read.append(cpu(lambda result=result: read_everything(result))[1])
-        drawn.append(cpu(lambda result=result: plots.overview(result))[1])
+            read.append(cpu(partial(read_everything, result))[1])
+        drawn.append(cpu(partial(plots.overview, result))[1])
         plt.close("all")
     return len(result.events), result.t.size, min(first), min(again), min(read), min(drawn)
 

@@ -20,6 +20,7 @@ import sys
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -106,7 +107,7 @@ def measure(kind: str, n: int) -> Measured:
         scene, stop = blocks(n, PUSH if kind == "shaken" else 0.0), BLOCKS_STOP
     if kind == "pre-slip":
         scene = scene.regularized(PRE_SLIP_VELOCITY)
-    small = {"rtol": 1e-6, "atol": 1e-8} if kind == "pre-slip" else {}
+    small: dict[str, Any] = {"rtol": 1e-6, "atol": 1e-8} if kind == "pre-slip" else {}
     before = clock.perf_counter()
     result = simulate(scene, (0.0, stop), t_eval=[stop], dense_output=False, **small)
     seconds = clock.perf_counter() - before

@@ -42,6 +42,7 @@ from stickslip import (
     simulate,
     velocity,
 )
+from stickslip.engines import MethodName
 from stickslip.plots.style import COLOURS
 from stickslip.studies.tradeoff import Tradeoff, tradeoff
 from stickslip.studies.tradeoff_setups import calls
@@ -73,6 +74,7 @@ BANDS = (1e-1, 1e-2, 1e-3, 1e-4)
 """Dead bands and bristle velocities, as parts of the velocity scale, of the laws that `tradeoff` does not try."""
 STEPS = {"contact force": (1000, 3000, 10_000, 30_000, 100_000), "pre-slip": (30_000, 100_000, 300_000)}
 """Numbers of steps of the comparison at fixed steps; fewer make the pre-slip model unstable."""
+FIXED: tuple[MethodName, ...] = ("RK4", "Euler")
 PRE_SLIP = 1e-3
 """Pre-slip velocity in rad/s of the comparison at fixed steps: the paper's, table 1."""
 
@@ -158,10 +160,10 @@ def fixed_steps(quick: bool) -> WorkPrecision:
     scenes = {"contact force": story.scene, "pre-slip": story.scene.regularized(PRE_SLIP)}
     setups = []
     for model, scene in scenes.items():
-        for method, count in product(("RK4", "Euler"), STEPS[model][: -1 if quick else None]):
+        for method, count in product(FIXED, STEPS[model][: -1 if quick else None]):
             step, family = span[1] / count, f"{model}, {method}"
 
-            def run(scene: Scene = scene, method: str = method, step: float = step) -> Result:
+            def run(scene: Scene = scene, method: MethodName = method, step: float = step) -> Result:
                 return simulate(scene, span, method=method, step=step)
 
             setups.append(Setup(f"{family}, step {step:.2g} s", run, family=family))

@@ -7,23 +7,23 @@ shorter than that at the full static level. All is linear between events: the se
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
 import stickslip as st
 
 FIGURE = Path(__file__).parent / "figures" / "abs_wheel.png"
-SPEED, MASS, RADIUS, WEIGHT, TORQUE = 30.0, 400.0, 0.3, 3924.0, 1500.0
-STATIC, SLIDING = 1.0, 0.7
+SPEED, MASS, RADIUS, WEIGHT, TORQUE, STATIC, SLIDING = 30.0, 400.0, 0.3, 3924.0, 1500.0, 1.0, 0.7
 
 
 def car(controlled: bool) -> st.Scene:
     """Return wheel and car; the brake is closed by the controller, behind a lag, or at once and for good."""
-    speeds = [st.velocity("wheel"), st.velocity("car")]
-    slides = lambda u: u[1] - RADIUS * u[0] > 0.01 * u[1]  # noqa: E731
+    slides: Any = lambda u: u[1] - RADIUS * u[0] > 0.01 * u[1]  # noqa: E731
     # the state is the part of the torque that it asks for while the tyre rolls
-    does = {"update": lambda t, x, u: x * (0.98 if slides(u) else 1.001)}
+    does: dict[str, Any] = {"update": lambda t, x, u: x * (0.98 if slides(u) else 1.001)}
     does |= {"output": lambda t, x, u: 0.3 if slides(u) else x}
+    speeds = [st.velocity("wheel"), st.velocity("car")]
     control = st.Sampled("abs", period=0.005, inputs=speeds, states=[0.9], **does)
     lag = st.StateSpace("valve", [[-100.0]], [[100.0]], [[TORQUE]], inputs=[st.output("abs")])
     pressed, lining = st.output("valve") if controlled else TORQUE, st.DryFriction(1.0, 1.0)

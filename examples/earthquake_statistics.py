@@ -32,7 +32,7 @@ def main(figure: Path, blocks: int = 100, stop: float = 2000.0) -> None:
         *(Contact(n, n, GROUND, DryFriction(1.0, 0.8), normal=N) for n, N in zip(names, levels, strict=True)),
     )
     result = simulate(scene, (0.0, stop))
-    slips, links, moving = [], [(0, 0)], {}
+    slips, lengths, links, moving = list[list[float]](), list[float](), [(0, 0)], dict[int, int]()
     for event in result.events:
         block = int(event.contact)
         if event.before == Mode.STUCK:
@@ -41,14 +41,14 @@ def main(figure: Path, blocks: int = 100, stop: float = 2000.0) -> None:
             slips.append([block, event.t, stop])
         elif event.after == Mode.STUCK:
             slips[moving.pop(block)][2] = event.t
-    lengths = []
     for some in np.array_split(slips, len(slips) // 200 + 1):
         row, place = blocks + some[:, 0].astype(int), np.arange(len(some))  # positions
         lengths += (result(some[:, 2])[row, place] - result(some[:, 1])[row, place]).tolist()
     graph = coo_array((np.ones(len(links)), np.transpose(links)), (len(slips), len(slips)))
     size = np.sort(np.bincount(connected_components(graph)[1], lengths))[::-1]
-    slope = np.polyfit(*np.log10([size, number := np.arange(size.size) + 1])[:, size.size // 4 :], 1)[0]
-    print(f"{len(result.events)} changes of modes make {size.size} events: these fall as slip^{slope:.2f}")
+    x, y = np.log10([size, number := np.arange(size.size) + 1])[:, size.size // 4 :]
+    fall = f"these fall as slip^{np.polyfit(x, y, 1)[0]:.2f}"
+    print(f"{len(result.events)} changes of modes make {size.size} events: {fall}")
     axes = (drawing := Figure(figsize=(7.0, 5.0), layout="constrained")).subplots()
     axes.loglog(size, number, "k.", markersize=4)
     axes.set(xlabel="slip of an event, all blocks [m]", ylabel="number of events at least as large")
@@ -56,4 +56,4 @@ def main(figure: Path, blocks: int = 100, stop: float = 2000.0) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(*sys.argv[1:2] or [FIGURE]), *map(int, sys.argv[2:]))
+    main(Path(sys.argv[1]) if sys.argv[1:] else FIGURE, *map(int, sys.argv[2:]))

@@ -30,7 +30,7 @@ def main(figure: Path) -> None:
         *(Contact(n, n, GROUND, DryFriction(1.0, 0.8), normal=N) for n, N in zip(names, levels, strict=True)),
     )
     result = simulate(scene, (0.0, STOP), rtol=1e-6, atol=1e-8)
-    slips, sizes, since, first = [], [], {}, 0.0
+    slips, sizes, since, first = [], [], dict[str, float](), 0.0
     for event in result.events:
         if event.after == Mode.STUCK:
             slips.append((names.index(event.contact), since.pop(event.contact), event.t))

@@ -20,8 +20,7 @@ JOINED, HEAT = ENGINE * LOAD / (ENGINE + LOAD), 0.5 * ENGINE * LOAD / (ENGINE + 
 
 def clutch(fade: float) -> Scene:
     """Return a motor and a load; the clutch loses the part `fade` of its torque per joule of heat."""
-    adds = {"derivative": lambda t, x, u: u, "output": lambda t, x, u: x}
-    heat = Block("heat", inputs=[power("clutch")], states=[0.0], **adds)
+    heat = Block("heat", inputs=[power("clutch")], states=[0.0], derivative=lambda t, x, u: u)
     normal = TORQUE - TORQUE * fade * output("heat")
     lining = Contact("clutch", "motor", "load", DryFriction(1.0, 1.0), normal=normal)
     bodies = Body("motor", inertia=ENGINE, velocity=SPEED), Body("load", inertia=LOAD)

@@ -123,7 +123,7 @@ def _element(row: Mapping[str, Any]) -> Any:
     return Contact(name, a, b, _law(row), normal=normal, rested=row.get("rested", 0.0), **radii)
 
 
-def _ends(row: Mapping[str, Any]) -> tuple[str, str, dict[str, float]]:
+def _ends(row: Mapping[str, Any]) -> tuple[str, str, dict[str, Any]]:
     if "on" not in row:
         return row["a"], row["b"], {}
     (a, radius_a), (b, radius_b) = row["on"].items()

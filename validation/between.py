@@ -17,6 +17,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Result, Scene, Spring, simulate
+from stickslip.model.laws import Shape
 from validation.rows import Array, Row, Tried, require
 from validation.tried import try_each
 
@@ -119,7 +120,8 @@ def _from_own_points(r: Result, t: Array, rate: Callable[[float, Array], Array],
 
 def smooth_law(random: Any) -> float:
     """A block on a belt under a smooth law: thin layers that long steps follow after short ones."""
-    shape, speed = str(random.choice(["tanh", "arctan"])), 0.2
+    shape: Shape = "tanh" if random.choice(["tanh", "arctan"]) == "tanh" else "arctan"
+    speed = 0.2
     velocity, options = _power(random, -6.0, -2.0), _options(random, -8.0)
     dry = DryFriction(1.0, 0.4, stribeck_velocity=0.3)
     scene = Scene(

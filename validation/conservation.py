@@ -240,8 +240,12 @@ def _free_star() -> Scene:
     )
 
 
+def _scene_of(name: str) -> Scene:
+    return reference(name).scene
+
+
 CASES: dict[str, tuple[Callable[[], Scene], float]] = {
-    **{name: (lambda name=name: reference(name).scene, reference(name).stop) for name in REFERENCES},
+    **{name: (partial(_scene_of, name), reference(name).stop) for name in REFERENCES},
     "coupled-clutches": (coupled_clutches, 1.5),
     "leine-belt": (belt, 25.0),
     "mixed": (_mixed, 4.0),

@@ -69,7 +69,7 @@ def _edge(
     stop: float = 2.0,
 ) -> Edge:
     """Return a scene whose contacts `of` have the same events; body b has a velocity at the end, and on the way."""
-    happens = [(t, contact, *modes) for t, *modes in events for contact in of]
+    happens = [(t, contact, before, after) for t, before, after in events for contact in of]
     return Edge(name, Scene(*elements), stop, happens, {"b": (way or {}) | {stop: end}})
 
 

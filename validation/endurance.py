@@ -20,6 +20,7 @@ from unittest import mock
 import numpy as np
 
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, simulate
+from stickslip.engines import MethodName
 from stickslip.simulation.recorder import Recorder
 from validation import analytic
 from validation.rows import Answer, Array, Row, require
@@ -93,7 +94,7 @@ def _watched(every: int) -> Iterator[list[tuple[float, ...]]]:
 
 
 @cache
-def run(method: str, steps: int) -> Run:
+def run(method: MethodName, steps: int) -> Run:
     """Simulate a limit cycle of about so many steps, of which nothing but its events is kept."""
     periods = steps // STEPS_PER_PERIOD[method]
     stop = FIRST + periods * PERIOD
@@ -102,7 +103,7 @@ def run(method: str, steps: int) -> Run:
     return Run(np.array([e.t for e in result.events]), int(result.stats["steps"]), np.array(looks))
 
 
-def punctual(method: str, steps: int) -> Answer:
+def punctual(method: MethodName, steps: int) -> Answer:
     """Compare all event times with the formula, over the length of the run."""
     found = run(method, steps)
     count = found.events.size
@@ -113,19 +114,19 @@ def punctual(method: str, steps: int) -> Answer:
     return float(np.abs(found.events - exact).max() / exact[-1]), said
 
 
-def time_growth(method: str, steps: int) -> Answer:
+def time_growth(method: MethodName, steps: int) -> Answer:
     """Return the CPU time of an event in the last tenth over that in the first, less 1."""
     first, last = run(method, steps).per_event(1)
     remark = f"{1e6 * first:.0f} us per event in the first tenth, {1e6 * last:.0f} us in the last"
     return max(last / first - 1, 0.0), remark
 
 
-def memory_growth(method: str, steps: int) -> float:
+def memory_growth(method: MethodName, steps: int) -> float:
     """Return the memory in kB that an event takes in the last tenth of a run that keeps its events only."""
     return max(run(method, steps).per_event(2)[1], 0.0) / 1e3
 
 
-def _rows(method: str, steps: int, bound: float) -> list[Row]:
+def _rows(method: MethodName, steps: int, bound: float) -> list[Row]:
     size = f"1e{round(math.log10(steps))}"
     if method != "BDF":
         size += f"-{method}"

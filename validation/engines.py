@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from mpmath import mp
@@ -22,12 +23,13 @@ from stickslip import (
     simulate,
     sine,
 )
+from stickslip.engines import MethodName
 from validation.random_scenes import GRID, STOP, draw
 from validation.rows import Row, Tried, Wrong, changes
 from validation.tried import try_each
 
 GRAZES, QUICK_GRAZES, INTEGRATED = 1000, 60, 30
-TIGHT = {"rtol": 1e-12, "atol": 1e-14}
+TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
 BOUND = 1e-8
 """Ten thousand times rtol: what single steps leave adds up along a run, and events pass it on."""
 
@@ -41,7 +43,7 @@ PATIENCE = 120.0
 SEED = 31
 
 
-def _apart(method: str, number: int) -> float:
+def _apart(method: MethodName, number: int) -> float:
     """Return how far velocities by CVODE are from those by series, over the largest."""
     # without curves motions are linear between events
     scene = draw(number).with_laws(lambda law: replace(law, stribeck_velocity=None))
@@ -51,7 +53,7 @@ def _apart(method: str, number: int) -> float:
     return float(np.abs(other.y[:n] - exact.y[:n]).max()) / (float(np.abs(exact.y[:n]).max()) or 1.0)
 
 
-def _scenes(method: str, count: int) -> Tried:
+def _scenes(method: MethodName, count: int) -> Tried:
     return try_each(((f"scene {n}", partial(_apart, method, n)) for n in range(count)), limit=PATIENCE)
 
 
@@ -126,7 +128,7 @@ KINDS: dict[str, Callable[[np.random.Generator, float], Graze]] = {
 }
 
 
-def _graze(method: str, kind: str, number: int) -> float:
+def _graze(method: MethodName, kind: str, number: int) -> float:
     """Return the error of the first event, over the span; a graze that is decided the other way is wrong."""
     random = np.random.default_rng([SEED, number])
     excess = float(random.choice([-1.0, 1.0]) * 10 ** random.uniform(np.log10(CLOSEST), np.log10(NEAREST)))
@@ -141,7 +143,7 @@ def _graze(method: str, kind: str, number: int) -> float:
     return 0.0 if first is None else abs(found[0][0] - first) / stop * abs(excess) ** 0.5
 
 
-def _grazes(method: str, count: int) -> Tried:
+def _grazes(method: MethodName, count: int) -> Tried:
     numbered = enumerate(itertools.islice(itertools.cycle(KINDS), count))
     items = ((f"{kind} {n}", partial(_graze, method, kind, n)) for n, kind in numbered)
     return try_each(items, limit=PATIENCE)

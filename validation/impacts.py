@@ -11,8 +11,8 @@ import numpy as np
 from stickslip import SimulationError, simulate
 from validation.against_oracles import scene_of
 from validation.machine_motion import Machine
-from validation.rows import Array, Row, require
-from validation.tried import Tried, try_each
+from validation.rows import Array, Row, Tried, require
+from validation.tried import try_each
 
 impact_row = partial(Row, "Machines")
 RADII = (1.0, 1.0, -1.0, 0.5, 2.0)

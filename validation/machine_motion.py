@@ -125,7 +125,7 @@ class Machine:
         self.x0 = np.array([float(b.get("position", 0.0)) for b in bodies])
         start = np.array([0.0 if b["inertia"] is None else float(b["velocity"]) for b in bodies])
         u = self.speeds(0.0)
-        self.q0 = np.linalg.lstsq(self.Z, start - self.P @ u, rcond=None)[0]
+        self.q0 = np.asarray(np.linalg.lstsq(self.Z, start - self.P @ u, rcond=None)[0], dtype=np.float64)
         broken = np.abs(self.C @ (self.Z @ self.q0 + self.P @ u)).max(initial=0.0)
         off = np.abs((self.Z @ self.q0 + self.P @ u - start)[self.free]).max(initial=0.0)
         if max(broken, off) > 1e-8:
@@ -389,11 +389,9 @@ class Motion:
     def capacity(self, guard: Guard, tau: float, y: Array) -> float:
         """Return what the contacts of a cut can carry."""
         t = self.start + tau
-        return float(
-            sum(
-                part * self.machine.level(j, sign, t - self.since[j]) * max(0.0, self.normal[j] @ y)
-                for j, sign, part in guard.levels
-            )
+        return sum(
+            part * self.machine.level(j, sign, t - self.since[j]) * max(0.0, float(self.normal[j] @ y))
+            for j, sign, part in guard.levels
         )
 
     def _capacity_rate(self, guard: Guard, tau: float, y: Array) -> float:
@@ -401,9 +399,9 @@ class Motion:
         found = 0.0
         for j, sign, part in guard.levels:
             dwelt = t - self.since[j]
-            found += part * self.machine.level(j, sign, dwelt) * (self.normal[j] @ rate)
-            found += part * self.machine.level_rate(j, sign, dwelt) * (self.normal[j] @ y)
-        return float(found)
+            found += part * self.machine.level(j, sign, dwelt) * float(self.normal[j] @ rate)
+            found += part * self.machine.level_rate(j, sign, dwelt) * float(self.normal[j] @ y)
+        return found
 
     def at(self, tau: float) -> Array:
         """Return the state after a time."""

@@ -168,6 +168,7 @@ def shaken(scene: Scene, seed: int) -> Scene:
         if isinstance(one, Drive) and rng.random() < 0.7:
             elements.append(replace(one, velocity=some(float(rng.uniform(0.1, 0.6)), 0.2)))
         elif isinstance(one, Contact) and rng.random() < 0.4:
+            assert isinstance(one.normal, Signal)
             level = one.normal.at(0.0)
             elements.append(replace(one, normal=some(float(rng.uniform(0.1, 0.9)) * level, level)))
         else:
@@ -279,8 +280,10 @@ def _named(element: Any, prefix: str) -> Any:
     def new(name: str) -> str:
         return prefix + name if name and name != GROUND else name
 
-    own = {one.name: getattr(element, one.name) for one in fields(element)}
-    changed = {key: new(own[key]) for key in ("name", "a", "b", "body") if isinstance(own.get(key), str)}
+    own: dict[str, Any] = {one.name: getattr(element, one.name) for one in fields(element)}
+    changed: dict[str, Any] = {
+        key: new(own[key]) for key in ("name", "a", "b", "body") if isinstance(own.get(key), str)
+    }
     if "coefficients" in own:
         changed["coefficients"] = {new(name): c for name, c in own["coefficients"].items()}
     return replace(element, **changed)

@@ -101,7 +101,9 @@ class _Draw:
         if swapped:
             sides.reverse()
         (s, c), (s_back, c_back) = sides
-        other = {} if sides[0] == sides[1] else {"mu_static_backward": s_back, "mu_coulomb_backward": c_back}
+        other: dict[str, Any] = (
+            {} if sides[0] == sides[1] else {"mu_static_backward": s_back, "mu_coulomb_backward": c_back}
+        )
         return DryFriction(s, c, dwell=dwell, stribeck_velocity=stribeck, **other)
 
     def scene(self) -> Scene:

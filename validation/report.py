@@ -176,8 +176,8 @@ def _overview(outcomes: Sequence[Outcome], themes: Sequence[str]) -> Figure:
     lowest, highest = 1e-9, 30.0
     for place, theme in enumerate(themes):
         rows = [o for o in outcomes if o.row.theme == theme]
-        ratio = [o.error / o.row.bound if o.row.bound > 0 else (0.0 if o.passed else math.inf) for o in rows]
-        ratio = np.clip(np.nan_to_num(ratio, nan=math.inf), lowest, highest)
+        ratios = [o.error / o.row.bound if o.row.bound > 0 else (0.0 if o.passed else math.inf) for o in rows]
+        ratio = np.clip(np.nan_to_num(ratios, nan=math.inf), lowest, highest)
         height = place + random.uniform(-0.25, 0.25, len(rows))
         axes.scatter(ratio, height, s=16, c=[GOOD if o.passed else BAD for o in rows], alpha=0.75)
     axes.axvline(1.0, color=BAD, linewidth=1)

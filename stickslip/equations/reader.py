@@ -188,7 +188,7 @@ class Reader:
             reads = block.feeds_through
             arguments = self._inside(atom, label, lambda: self.of_block(block, label, reads))
             states, width = len(block.states), place.outputs
-            unread = [math.nan] * len(block.inputs)
+            unread = [math.nan] * len(block.quantities())
 
             def values(t: float, x: Sequence[float]) -> Sequence[float]:
                 u = x[states:] if reads else unread
@@ -202,13 +202,13 @@ class Reader:
         """Return the states of a block, and its inputs where these are wanted."""
         place = self._places[block.name]
         states = [Form({place.first + k: 1.0}) for k in range(place.states)]
-        return states + [self.form(u, label) for u in block.inputs if inputs]
+        return states + [self.form(u, label) for u in block.quantities() if inputs]
 
     def linear_output(self, block: StateSpace, index: int, label: str) -> Form:
         """Return ``C x + D u`` of one output of a linear block, before it is limited."""
         first = self._places[block.name].first
         found = Form({first + k: c for k, c in enumerate(block.C[index]) if c})
-        for u, c in zip(block.inputs, block.D[index], strict=True):
+        for u, c in zip(block.quantities(), block.D[index], strict=True):
             if c:
                 found.add(self.form(u, label), c)
         return found
@@ -222,7 +222,7 @@ class Reader:
         """Return how fast the states of a block change."""
         place, label = self._places[block.name], f"{block.label}: an input"
         # all inputs, whether something reads them or not: results do
-        inputs = [self.form(u, label) for u in block.inputs]
+        inputs = [self.form(u, label) for u in block.quantities()]
         if isinstance(block, StateSpace):
             found = [Form({place.first + k: c for k, c in enumerate(row) if c}) for row in block.A]
             for form, row in zip(found, block.B, strict=True):

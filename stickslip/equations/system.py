@@ -152,7 +152,7 @@ class System:
             for k, form in enumerate(reader.rates(place.block))
         }
         sampled = [
-            (place, place.block, [reader.form(u, place.block.label) for u in place.block.inputs])
+            (place, place.block, [reader.form(u, place.block.label) for u in place.block.quantities()])
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
@@ -448,7 +448,7 @@ class System:
     def inputs_of(self, place: BlockPlace, y: Array, q: Array) -> Array:
         """Return what a block reads of states and inputs, a line each."""
         block = place.block
-        return Forms.of([self.reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
+        return Forms.of([self.reader.form(u, block.label) for u in block.quantities()], self._place).at(y, q)
 
     def drive_velocities(self, q: Array) -> Array:
         """Return the velocities of the drives from the inputs."""

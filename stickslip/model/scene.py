@@ -256,7 +256,7 @@ class Scene:
         check_entries(type(old), type(old).__name__, vars(old) | changes, f"Scene.replace: {old.label}")
         return self._with(replace(e, **changes) if k == places[0] else e for k, e in enumerate(every))
 
-    def with_laws(self, change: Callable[[Law], Law]) -> Scene:
+    def with_laws(self, change: Callable[[Any], Law]) -> Scene:
         """Return the scene with every contact's law replaced by ``change(law)``.
 
         Raises

@@ -25,6 +25,8 @@ from tqdm import tqdm
 
 from stickslip.studies.sweep_data import Index, Point, SweepLog, SweepResult, Task, Values, collect, tasks
 
+__all__ = ["SweepInterrupted", "SweepResult", "sweep"]
+
 Outcomes = Generator[tuple[Index, Values | str], None, None]  # values, or the message of a failure
 
 _WINDOW = 1000  # points handed to a given executor and not yet back; it may stand for a large cluster

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,11 +17,13 @@ from stickslip.model.arrays import Array
 from stickslip.model.checks import in_order, limit, sequence, whole
 from stickslip.model.elements.base import Named
 from stickslip.model.elements.book import Book
-from stickslip.model.quantities import Expression, Quantity, as_expression
+from stickslip.model.quantities import Expression, as_expression
 from stickslip.model.signals import Load
 
 Function = Callable[[float, Array, Array], Any]
-Numbers = tuple[float, ...]
+Inputs = Sequence[Load | float]
+"""What inputs are given as; a block holds them as expressions."""
+Numbers = Sequence[float]
 
 _VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS
 _MOST_SAMPLES = 1e7
@@ -30,7 +32,7 @@ _MOST_SAMPLES = 1e7
 class AnyBlock(Named):
     """What all blocks have: a name, inputs, and states at the start."""
 
-    inputs: tuple[Expression, ...]
+    inputs: Inputs
     states: Numbers | None
 
     @property
@@ -42,9 +44,9 @@ class AnyBlock(Named):
         """Enter a block."""
         book.block(self)
 
-    def quantities(self) -> tuple[Quantity, ...]:
+    def quantities(self) -> tuple[Expression, ...]:
         """Return the inputs."""
-        return self.inputs
+        return cast("tuple[Expression, ...]", self.inputs)
 
     @property
     def output_count(self) -> int | None:
@@ -141,7 +143,7 @@ class Block(AnyBlock):
 
     name: str
     _: KW_ONLY
-    inputs: tuple[Expression, ...] = ()
+    inputs: Inputs = ()
     states: Numbers = ()
     derivative: Function | None = None
     output: Function | None = None
@@ -195,9 +197,9 @@ class StateSpace(AnyBlock):
     C: Any = None
     D: Any = None
     _: KW_ONLY
-    inputs: tuple[Expression, ...] = ()
+    inputs: Inputs = ()
     states: Numbers | None = None
-    limits: tuple[tuple[float, float], ...] | None = None
+    limits: Sequence[tuple[float, float]] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -291,7 +293,7 @@ class StateSpace(AnyBlock):
         """Return the block as plain data."""
         data: dict[str, Any] = {"name": self.name}
         data |= {name: [list(row) for row in getattr(self, name)] for name in "ABCD"}
-        data["inputs"] = [one.to_dict() for one in self.inputs]
+        data["inputs"] = [one.to_dict() for one in self.quantities()]
         if any(self.states or ()):
             data["states"] = list(self.states or ())
         if self.limits is not None:
@@ -339,7 +341,7 @@ class Sampled(AnyBlock):
     name: str
     _: KW_ONLY
     period: float
-    inputs: tuple[Expression, ...] = ()
+    inputs: Inputs = ()
     states: Numbers = ()
     update: Function | None = None
     output: Function

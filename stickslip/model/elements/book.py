@@ -105,7 +105,7 @@ class Book:
         """Yield all quantities of the motion that are read, and those that they are made of."""
         forces = [load for _, load, _ in self.forces]
         normals = [row.normal for row in self.rows]
-        inputs = [load for block in self.blocks for load in block.inputs]
+        inputs = [load for block in self.blocks for load in block.quantities()]
         for load in (*forces, *normals, *inputs, *self.observed):
             if isinstance(load, Quantity):
                 yield from load.walk()
