@@ -346,6 +346,54 @@ def test_a_ball_that_bounces_at_0() -> None:
     assert [event.t for event in result.events][:9] == pytest.approx(times, abs=1e-12)
 
 
+def test_a_wall_that_moves_throws_a_body() -> None:
+    """A wall at u = 0.2 m/s meets the body at rest after 0.05 m, pushes it for half a period, and it leaves at 2 u."""
+    speed, stiffness = 0.2, 50.0
+    scene = Scene(
+        Drive("wall", velocity=speed),
+        Body("ball", inertia=2.0),
+        Gap("face", "ball", "wall", lower=-0.05, stiffness=stiffness),
+    )
+    result = part_by_part(scene, 3.0)
+    assert result.trajectory.is_patchwork
+    omega, meets = math.sqrt(stiffness / 2.0), 0.05 / speed
+    assert [event.t for event in result.events] == pytest.approx([meets, meets + math.pi / omega], abs=1e-13)
+    pushed = np.clip(result.t - meets, 0.0, math.pi / omega)
+    assert result.velocity("ball") == pytest.approx(speed * (1.0 - np.cos(omega * pushed)), abs=1e-13)
+    assert result.force("face") == pytest.approx(-stiffness * speed / omega * np.sin(omega * pushed), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "wall",
+    [
+        piecewise_linear([0.0, 1.0, 3.0, 4.0], [0.0, 0.4, -0.2, -0.2]),
+        sine(0.3, 0.6),
+        sine(0.3, 0.6) + piecewise_linear([0.0, 1.0, 3.0, 4.0], [0.0, 0.4, -0.2, -0.2]),
+    ],
+    ids=["lines", "a sine", "both"],
+)
+def test_bodies_between_walls_that_are_shaken(wall: Any) -> None:
+    """The walls push and drag through gaps, on the first body from both sides, on the second by a lever."""
+    law = DryFriction(0.2, 0.1)
+    scene = Scene(
+        Drive("wall", velocity=wall, position=0.1),
+        Body("first", inertia=1.0),
+        Body("second", inertia=2.0, velocity=0.1),
+        Contact("c1", "first", GROUND, law, normal=2.0),
+        Contact("c2", "second", GROUND, law, normal=1.0),
+        Gap("faces", "wall", "first", lower=-0.05, upper=0.15, stiffness=40.0, damping=0.5),
+        Gap("between", "first", "second", lower=-0.1, upper=0.1, stiffness=30.0),
+        Gap("lever", "second", "wall", lower=-0.1, upper=0.05, stiffness=20.0, damping=0.2, radius_b=0.5),
+        Spring("second", GROUND, stiffness=3.0),
+    )
+    local, whole = both(scene, 4.0)
+    assert local.trajectory.is_patchwork and len(local.events) > 10
+    assert local.energy().relative_error < 1e-13
+    for gap in ("faces", "lever"):
+        np.testing.assert_allclose(local.force(gap), whole.force(gap), rtol=0, atol=1e-10)
+        assert {event.after for event in local.events if event.contact == gap} > {Mode.OPEN}
+
+
 @pytest.mark.slow
 def test_wagons_that_touch_at_rest_start_one_by_one() -> None:
     """All buffers are at their limit; nothing but the end of a ramp is settled as a whole, for no gap leaves it yet."""
