@@ -341,7 +341,9 @@ def _sweep(chosen: argparse.Namespace) -> int:
     how: dict[str, Any] = {"executor": "serial"} if chosen.workers == 1 else {"workers": chosen.workers}
     try:
         with _refusals():
-            found = sweep(runs, grid, **how, progress=sys.stderr.isatty(), save=chosen.save)
+            found = sweep(
+                runs, grid, **how, progress=sys.stderr.isatty(), save=chosen.save, version=runs.version
+            )
     except SweepInterrupted as stop:
         print(f"stickslip: {stop}", file=sys.stderr)
         found, code = stop.result, _INTERRUPTED

@@ -47,7 +47,7 @@ _NO_LAW = DryFriction(0.0, 0.0)
 class System:
     """A scene compiled to constant matrices. It never changes.
 
-    `observed` are quantities that are to be known, too: nothing depends on them.
+    `observed` are labels for messages and quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class System:
         Rows whose normal force depends on the state: guards tell where they open and close.
     """
 
-    def __init__(self, scene: Scene, observed: Sequence[Load] = ()) -> None:
+    def __init__(self, scene: Scene, observed: Sequence[tuple[str, Load]] = ()) -> None:
         self.scene, self.observed = scene, tuple(observed)
-        book = Book(scene.elements, observed)
+        book = Book(scene.elements, [load for _, load in observed])
         self.index, self.rows, self.row_index = book.index, book.rows, book.row_index
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
@@ -161,7 +161,7 @@ class System:
         for own, _, forms in sampled:
             self._given_to |= dict.fromkeys(range(own.first, own.end), forms)
         acting = len(reader.nodes)
-        observed = [reader.form(load, "the quantity of an event") for load in book.observed]
+        observed = [reader.form(load, label) for label, load in self.observed]
         self._number_inputs(book, [own for own, _ in forces])
         place, first_of_node = self._place, self._first_of_node.tolist()
         self.sampled = [(own, block, Forms.of(forms, place)) for own, block, forms in sampled]

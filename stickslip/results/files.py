@@ -150,7 +150,7 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
     start, stop = about["span"]
     simulated = _scene_of(about, scene, path)
     known = {name for name in about.get("positions", ()) if name in System(simulated).index}
-    system = System(simulated, [position(name) for name in sorted(known)])
+    system = System(simulated, [(name, position(name)) for name in sorted(known)])
     sizes, names = (system.size, system.m), _names(system)
     if sizes != (data["y"].shape[0], data["force"].shape[0]) or about.get("names", names) != names:
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")

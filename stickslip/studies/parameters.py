@@ -253,7 +253,7 @@ def _numbers(thing: Any, name: str) -> str:
 
 def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
     if not steps:
-        return Constant(value) if isinstance(thing, Constant) else value
+        return Constant(finite(value, "a load")) if isinstance(thing, Constant) else value
     step, rest = steps[0], steps[1:]
     if step == _SCALE and isinstance(thing, (Signal, Quantity)):
         return thing * value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +26,11 @@ class SceneRuns:
     scene: Scene
     t_span: Times  # start and end in s
     options: Mapping[str, Any]  # arguments of `simulate`
+
+    @property
+    def version(self) -> str:
+        """A text that tells the scene, the time span and the options."""
+        return json.dumps([self.scene.to_dict(), self.t_span, dict(self.options)], default=list)
 
     def at(self, point: Mapping[str, float]) -> Scene:
         """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like."""

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice, product
 from pathlib import Path
@@ -79,8 +79,8 @@ class SweepResult:
             raise ImportError("to_xarray needs xarray: pip install 'stickslip[frames]'") from missing
         axes, data = tuple(self.parameters), {}
         for name, array in self.values.items():
-            inner = tuple(f"{name}_{k}" for k in range(array.ndim - len(axes)))
-            data[name] = (axes + inner, array)
+            inner = [f"{name}_{k}" for k in range(array.ndim - len(axes))]
+            data[name] = ((*axes, *(_other_than(axes, one) for one in inner)), array)
         return xarray.Dataset(data, coords={name: (name, axis) for name, axis in self.parameters.items()})
 
     def __str__(self) -> str:
@@ -105,6 +105,13 @@ class SweepResult:
     __repr__ = __str__
 
 
+def _other_than(names: Collection[str], name: str) -> str:
+    """Return a name that is none of some others, with a line behind it where it would be."""
+    while name in names:
+        name += "_"
+    return name
+
+
 def tasks(parameters: Mapping[str, np.ndarray]) -> Iterator[Task]:
     """Iterate over grid indices and points, the last parameter fastest."""
     axes = [list(enumerate(axis.tolist())) for axis in parameters.values()]
@@ -116,12 +123,13 @@ def tasks(parameters: Mapping[str, np.ndarray]) -> Iterator[Task]:
 class SweepLog:
     """Finished points in a file, one JSON line each, from which a later sweep of the same grid resumes."""
 
-    def __init__(self, path: Path, parameters: dict[str, np.ndarray]) -> None:
-        """Name the file and the grid."""
+    def __init__(self, path: Path, parameters: dict[str, np.ndarray], version: str) -> None:
+        """Name the file, the grid, and what is computed on it."""
         self.path = path
         self.axes = {name: axis.tolist() for name, axis in parameters.items()}
         try:
-            digest = hashlib.sha256(json.dumps(list(self.axes.items())).encode()).hexdigest()[:16]
+            text = json.dumps(list(self.axes.items())) + version
+            digest = hashlib.sha256(text.encode()).hexdigest()[:16]
         except TypeError as exception:
             raise TypeError(f"sweep: save needs parameters that are numbers or texts ({exception})") from None
         self.head = f'{{"grid": "{digest}", '
@@ -135,7 +143,8 @@ class SweepLog:
         if torn[: len(head)] != head[: len(torn)] or not all(line.startswith(head) for line in lines):
             raise ValueError(
                 f"sweep: {str(self.path)!r} does not belong to this sweep of {', '.join(self.axes)}: it has "
-                "other parameters or values, or is something else. Give another file, or the same grid"
+                "other parameters or values, was saved of another function (scene, time span, options), or is "
+                "something else. Give another file, or the same grid and function"
             )
         for line in lines:
             record = json.loads(line)

@@ -53,6 +53,7 @@ def sweep(
     workers: int | None = None,
     progress: bool = True,
     save: str | os.PathLike[str] | None = None,
+    version: str = "",
 ) -> SweepResult:
     """Evaluate ``function(**point)`` at every point of a grid.
 
@@ -76,6 +77,8 @@ def sweep(
     save : path, optional
         File to which each finished point is appended (JSON Lines). A sweep of the same grid resumes
         from it; failed points are tried again. It cannot know whether the function has changed.
+    version : str
+        Any text that tells what the function computes. A file that was saved under another one is refused.
 
     Raises
     ------
@@ -89,6 +92,8 @@ def sweep(
     parameters = _parameters(grid)
     if not isinstance(progress, bool):
         raise TypeError(f"sweep: progress must be True or False, got {progress!r}")
+    if not isinstance(version, str):
+        raise TypeError(f"sweep: version must be a text, got {version!r}")
     is_serial = isinstance(executor, str) and executor == "serial"
     if not (executor is None or is_serial or isinstance(executor, Executor)):
         raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
@@ -101,7 +106,7 @@ def sweep(
 
     if save is not None and not Path(save).absolute().parent.is_dir():
         raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
-    log = None if save is None else SweepLog(Path(save), parameters)
+    log = None if save is None else SweepLog(Path(save), parameters, version)
     _check_takes(function, parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()
     total = math.prod(len(axis) for axis in parameters.values())

@@ -212,6 +212,22 @@ def test_sweep_reads_each_point_of_a_grid(here, capsys):
     assert len((here / "o.jsonl").read_text().splitlines()) == 6
 
 
+@pytest.mark.parametrize("change", ["scene", "span", "rtol"])
+def test_a_saved_sweep_of_another_scene_or_other_options_is_refused(here, capsys, change):
+    arguments = ["sweep", "scene.toml", "--vary", "floor.normal=1,2", "--workers", "1", "--save", "o.jsonl"]
+    assert main(arguments) == 0
+    before, told = (here / "o.jsonl").read_bytes(), capsys.readouterr().out
+    assert main(arguments) == 0
+    assert capsys.readouterr().out == told
+    if change == "scene":
+        text = (here / "scene.toml").read_text()
+        (here / "scene.toml").write_text(text.replace("stiffness = ", "stiffness = 1"))
+    others = {"scene": [], "span": ["--span", "0", "2"], "rtol": ["--rtol", "1e-4"]}
+    assert main([*arguments, *others[change]]) == 2
+    assert "saved of another function (scene, time span, options)" in capsys.readouterr().err
+    assert (here / "o.jsonl").read_bytes() == before
+
+
 def test_a_sweep_with_points_that_fail_exits_with_1(here, capsys):
     assert main(["sweep", "scene.toml", "--vary", "block.inertia=1,-1", "--workers", "1"]) == 1
     assert "1 failed" in capsys.readouterr().out
@@ -233,6 +249,8 @@ def test_a_sweep_with_points_that_fail_exits_with_1(here, capsys):
         (["floor.normal.slope=1"], "floor.normal.slope"),
         (["springs[3].stiffness=1"], "the scene has 1 springs, counted from 0"),
         (["block.inertia=-1"], "inertia must be positive"),
+        (["floor.normal=nan"], "a load must be finite, got nan"),
+        (["floor.normal=1e999"], "a load must be finite, got inf"),
         (["floor.normal=1", "--vary", "floor.normal=2"], "stands twice; list all its values at once"),
         (["floor.normal=1,2", "--plot", "o.png"], "--plot draws a map over two fields, but 1 vary"),
         (["floor.normal=1,2", "--csv", "none/o.csv"], "there is no folder none"),

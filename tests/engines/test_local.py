@@ -360,7 +360,9 @@ def test_a_wall_that_moves_throws_a_body() -> None:
     assert [event.t for event in result.events] == pytest.approx([meets, meets + math.pi / omega], abs=1e-13)
     pushed = np.clip(result.t - meets, 0.0, math.pi / omega)
     assert result.velocity("ball") == pytest.approx(speed * (1.0 - np.cos(omega * pushed)), abs=1e-13)
-    assert result.force("face") == pytest.approx(-stiffness * speed / omega * np.sin(omega * pushed), abs=1e-12)
+    assert result.force("face") == pytest.approx(
+        -stiffness * speed / omega * np.sin(omega * pushed), abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(

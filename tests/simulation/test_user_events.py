@@ -21,6 +21,7 @@ from stickslip import (
     Mode,
     Sampled,
     Scene,
+    SimulationError,
     Spring,
     Stop,
     When,
@@ -270,6 +271,18 @@ def test_a_limit_that_is_reached_at_the_end_of_a_step(way: dict[str, Any]) -> No
     full = When("full", saturate(position("a"), -1.0, 3.0) - 3.0, stop=True)
     (event,) = simulate(scene, (0.0, 10.0), events=[full], **way).events
     assert (event.cause, event.t) == ("rose to 0", pytest.approx(3.0, abs=1e-12))
+
+
+def test_a_function_that_fails_names_its_event() -> None:
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0))
+    events = [
+        When("far", position("a") - 9.0),
+        When("pole", feedback(lambda v: 1.0 / (v - 1.0), velocity("a"))),
+    ]
+    with pytest.raises(
+        SimulationError, match=r"event 'pole': feedback function <lambda> raised ZeroDivisionError"
+    ):
+        simulate(scene, (0.0, 1.0), events=events)
 
 
 def test_what_dies_away_does_not_come_to_0() -> None:

@@ -282,6 +282,8 @@ def test_the_bifurcation_diagram() -> None:
 
 
 def test_bad_arguments_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"values must be finite, got \[0.1, inf\]"):
+        continue_cycle(belt(), "belt.velocity", [0.1, math.inf])
     with pytest.raises(ValueError, match="rise or fall"):
         continue_cycle(belt(), "belt.velocity", [0.1, 0.3, 0.2])
     with pytest.raises(ValueError, match="where a motion starts"):

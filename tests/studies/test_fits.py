@@ -281,6 +281,7 @@ def test_bad_arguments_are_refused() -> None:
     refused(ValueError, "write 'BODY.velocity'", names, {"m.speed": (t, t)})
     refused(ValueError, "write 'BODY.velocity'", names, {"x.velocity": (t, t)})
     refused(ValueError, "equally many", names, {"m.velocity": (t, t[:2])})
+    refused(ValueError, "has no times; give one at least", names, {"m.velocity": ([], [])})
     refused(ValueError, "must rise", names, {"m.velocity": (t[::-1], t)})
     refused(ValueError, "finite", names, {"m.velocity": (t, t * np.nan)})
     refused(ValueError, "sigma must be positive", names, {"m.velocity": (t, t, 0.0)})

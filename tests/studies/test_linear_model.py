@@ -26,12 +26,14 @@ from stickslip import (
     StateSpace,
     Stop,
     linearize,
+    normal,
     output,
     pid,
     position,
     saturate,
     simulate,
     sine,
+    table,
     velocity,
 )
 
@@ -402,6 +404,32 @@ def test_a_normal_force_that_is_just_0_is_a_corner() -> None:
     with pytest.raises(ValueError, match="the normal force of contact 'c' is just 0"):
         linearize(scene)
     assert linearize(scene.replace("n", position=0.1)).A.shape == (3, 3)
+
+
+@pytest.mark.parametrize("kind", ["saturated", "table", "gap"])
+def test_a_normal_force_that_is_0_near_by_has_no_corner(kind: str) -> None:
+    """Nothing presses the contact, here and near by: ``v' = -4 x``."""
+    x = position("m")
+    air = (
+        Body("h", inertia=1.0, position=0.1),
+        Gap("track", "h", GROUND, lower=0.0, stiffness=1e4, damping=20.0),
+    )
+    forces = {
+        "saturated": saturate(5 * x, 0.0, 10.0),
+        "table": table(x, [0.0, 1.0], [0.0, 10.0]),
+        "gap": normal("track"),
+    }
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0, position=-1.0),
+        Spring("m", GROUND, stiffness=4.0),
+        Contact("c", "m", GROUND, DryFriction(0.4, 0.35), normal=forces[kind]),
+        *(air if kind == "gap" else ()),
+    )
+    found = linearize(scene)
+    assert sorted(found.eigenvalues.imag)[:: len(found.eigenvalues) - 1] == pytest.approx(
+        [-2.0, 2.0], abs=1e-14
+    )
+    assert np.abs(found.eigenvalues.real).max() < 1e-14
 
 
 def test_late() -> None:

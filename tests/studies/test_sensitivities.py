@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from stickslip import (
@@ -803,6 +805,55 @@ def test_tables_against_differences(kind: str) -> None:
         assert np.abs(exact[:, k] - told).max() <= 1e-8 * np.abs(told).max(), one.name
 
 
+def shaken_bristles(times: list[float], inertia: float, normal: float, stiffness: float) -> np.ndarray:
+    """Velocities of a block on LuGre bristles that 3 sin(2 pi t) shakes, turn by turn: where |w| bends a step ends."""
+    found, t, y, sign = [], 0.0, np.zeros(2), 1.0
+
+    def rates(t: float, y: np.ndarray, begun: float, sign: float) -> list[float]:
+        v, z = y
+        g = (0.25 + 0.15 * math.exp(-((v / 0.1) ** 2))) * normal
+        rate = v - stiffness * sign * v * z / g
+        return [(3.0 * math.sin(2.0 * math.pi * t) - stiffness * z - 2.0 * rate) / inertia, rate]
+
+    def turns(t: float, y: np.ndarray, begun: float, sign: float) -> float:
+        return float(y[0] * sign) if t > begun + 1e-9 else 1.0
+
+    turns.terminal, turns.direction = True, -1  # type: ignore[attr-defined]
+    for stop in times:
+        while t < stop:
+            run = solve_ivp(
+                rates, (t, stop), y, "DOP853", rtol=3e-14, atol=1e-17, events=turns, args=(t, sign)
+            )
+            t, y, sign = run.t[-1], run.y[:, -1], -sign if run.status == 1 else sign
+        found.append(y[0])
+    return np.array(found)
+
+
+@pytest.mark.slow
+def test_bristles_that_turn_over() -> None:
+    """The slopes of their rates jump at each turn, of which there are six."""
+    law = LuGre(DryFriction(0.4, 0.25, stribeck_velocity=0.1), stiffness=300.0, damping=2.0)
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Force("m", sine(3.0, 1.0)),
+        Contact("c", "m", GROUND, law, normal=10.0),
+    )
+    names, times, nominal = (
+        ["m.inertia", "c.normal", "c.law.stiffness"],
+        [0.6, 1.3, 2.0, 2.7],
+        [1.0, 10.0, 300.0],
+    )
+    found = sensitivities(scene, (0.0, 2.7), names, rtol=1e-12, atol=1e-14).velocity("m", times)
+    for k, value in enumerate(nominal):
+        near = []
+        for offset in (-2, -1, 1, 2):
+            own = list(nominal)
+            own[k] += offset * 3e-4 * value
+            near.append(shaken_bristles(times, *own))
+        told = (near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * 3e-4 * value)
+        assert np.abs(found[:, k] - told).max() < 3e-8 * np.abs(told).max(), names[k]
+
+
 def test_a_table_that_stays_at_its_corner_has_no_derivative() -> None:
     pull = table(position("m"), [-2.0, 0.0, 2.0], [6.0, 0.0, -2.0])
     found = sensitivities(
@@ -810,6 +861,98 @@ def test_a_table_that_stays_at_its_corner_has_no_derivative() -> None:
     )
     assert np.isnan(found.position("m")[0]) and found.position("m")[1] == 0.0
     assert "stays at its corner 0" in found.reasons[0]
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+@pytest.mark.parametrize("kind", ["saturated", "table", "two"])
+def test_a_normal_force_that_rises_from_a_corner(kind: str, method: Any) -> None:
+    """It is 0 up to x = 0 and 5 x beyond; from -1 at 1 m/s with stiffness k = 4 the body moves as on springs.
+
+    With ``w^2 = k / m`` it comes to 0 at ``atan(w) / w`` with ``sqrt(1 + w^2)``. From there on friction adds ``5 mu``
+    to the stiffness, up to the reversal after a quarter of a period.
+    """
+    x = position("m")
+    forces = {"saturated": saturate(5 * x, 0.0, 10.0), "table": table(x, [-2.0, 0.0, 1.0], [0.0, 0.0, 5.0])}
+    forces["two"] = saturate(3 * x, 0.0, 10.0) + saturate(2 * x, 0.0, 10.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0, position=-1.0),
+        Spring("m", GROUND, stiffness=4.0),
+        Contact("c", "m", GROUND, DryFriction(0.4, 0.35), normal=forces[kind]),
+    )
+    options = {} if method == "auto" else {"rtol": 1e-11, "atol": 1e-13}
+    names = ["m.inertia", "c.law.mu_coulomb"]
+    found = sensitivities(scene, (0.0, 1.3), names, method=method, **options)
+
+    def exact(inertia: complex, mu: complex) -> tuple[complex, complex]:
+        """The velocity at 1 s, and the time of the reversal."""
+        w, faster = cmath.sqrt(4.0 / inertia), cmath.sqrt((4.0 + 5.0 * mu) / inertia)
+        closes = cmath.atan(w) / w
+        return cmath.sqrt(1.0 + w * w) * cmath.cos(faster * (1.0 - closes)), closes + 0.5 * math.pi / faster
+
+    h, tolerance = 1e-30, 1e-11 if method == "auto" else 1e-8
+    assert found.reasons == ()
+    for k, (dm, dmu) in enumerate([(h, 0.0), (0.0, h)]):
+        v, t = exact(1.0 + 1j * dm, 0.35 + 1j * dmu)
+        assert found.velocity("m", [1.0])[0, k] == pytest.approx(v.imag / h, abs=tolerance)
+        assert found.events[0, k] == pytest.approx(t.imag / h, abs=tolerance)
+
+
+def test_corners_of_two_tables_that_close_a_contact_together() -> None:
+    """One table is moved by the velocity at the start, the other is not: which one closes the contact depends on it."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0, position=-1.0),
+        Body("b", inertia=1.0, velocity=1.0, position=-1.0),
+        Contact(
+            "c",
+            "a",
+            GROUND,
+            DryFriction(0.4, 0.35),
+            normal=saturate(position("a"), 0.0, 9.0) + saturate(position("b"), 0.0, 9.0),
+        ),
+    )
+    found = sensitivities(scene, (0.0, 1.5), ["a.velocity", "c.law.mu_coulomb"])
+    assert np.isnan(found.velocity("a")[0]) and "corners of several tables fall together" in found.reasons[0]
+    # v' = -0.7 (t - 1) from t = 1 on
+    assert found.velocity("a")[1] == pytest.approx(
+        differences(scene, (0.0, 1.5), "c.law.mu_coulomb", last_of_a, 1e-4)
+    )
+
+
+def last_of_a(result: Result) -> float:
+    return float(result.velocity("a")[-1])
+
+
+def test_a_contact_that_closes_in_the_instant_in_which_a_gap_starts_at_its_limit() -> None:
+    """A track that swings presses a part from the start on: its friction pulls it along from 0."""
+    scene = Scene(
+        Drive("across", velocity=sine(0.06, 25.0, phase=math.pi / 2)),
+        Drive("along", velocity=0.15),
+        Body("part", inertia=0.1),
+        Body("height", inertia=0.1),
+        Force("height", -0.981),
+        Gap("track", "height", "across", lower=0.0, stiffness=1e5, damping=50.0),
+        Contact("rub", "part", "along", DryFriction(0.4, 0.35), normal=normal("track")),
+    )
+    names, span = ["rub.law.mu_coulomb", "part.inertia", "track.stiffness"], (0.0, 1e-3)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == ()
+    for k, name in enumerate(names):
+        h = {"track.stiffness": 1e2}.get(name, 1e-4)
+        told = differences(scene, span, name, lambda result: result.velocity("part")[-1], h)
+        assert told != 0 and found.velocity("part")[k] == pytest.approx(told, rel=1e-7), name
+
+
+def test_a_break_that_falls_together_with_another_has_no_derivative_of_its_event() -> None:
+    """A block is let go where its normal force jumps down, at a break that stands twice."""
+    load = piecewise_linear([0.0, 2.0, 2.0, 4.0], [9.0, 9.0, 1.0, 1.0])
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.5, 0.3), normal=load),
+        Force("m", 2.0),
+    )
+    found = sensitivities(scene, (0.0, 3.0), ["c.normal.times[1]", "c.normal.values[1]", "m.inertia"])
+    assert [event.t for event in found.result.events] == [2.0]
+    assert np.isnan(found.events[0, 0]) and np.array_equal(found.events[0, 1:], [0.0, 0.0])
 
 
 def test_series_and_cvode_agree() -> None:

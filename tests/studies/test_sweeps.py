@@ -540,6 +540,19 @@ def test_a_file_of_another_grid_is_refused_and_left_alone(tmp_path, other):
     assert path.read_bytes() == before
 
 
+def test_a_file_of_another_version_is_refused_and_left_alone(tmp_path):
+    path = tmp_path / "sweep.jsonl"
+    first = serial(product_of, save=path, version="one")
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=r"saved of another function \(scene, time span, options\)"):
+        serial(product_of, save=path, version="two")
+    assert path.read_bytes() == before
+    same(serial(product_of, save=path, version="one"), first)
+    assert path.read_bytes() == before
+    with pytest.raises(TypeError, match="version must be a text, got 1"):
+        serial(product_of, save=path, version=1)
+
+
 @pytest.mark.parametrize("text", ["a,b,value\n1,2,3\n", "notes without an end", "\n", "{}\n"])
 def test_a_file_that_is_no_sweep_is_refused_and_left_alone(tmp_path, text):
     path = tmp_path / "notes.txt"
@@ -569,6 +582,14 @@ def test_xarray_has_coordinates_and_inner_dimensions():
     assert data["sum"].dims == ("a", "b")
     assert data["pair"].dims == ("a", "b", "pair_0")
     assert float(data["sum"].sel(a=2.0, b=0.2)) == 2.2
+
+
+def test_inner_dimensions_are_none_of_the_parameters():
+    pytest.importorskip("xarray")
+    found = sweep(lambda v_0: {"v": [v_0, 2.0 * v_0]}, {"v_0": [1.0, 3.0]}, executor="serial", progress=False)
+    data = found.to_xarray()
+    assert data["v"].dims == ("v_0", "v_0_")
+    np.testing.assert_array_equal(data["v"].sel(v_0=3.0), [3.0, 6.0])
 
 
 def test_xarray_missing_names_the_extra(monkeypatch):

@@ -99,8 +99,10 @@ def continue_cycle(
             f"continue_cycle: {parameter!r} says where a motion starts; a cycle does not depend on it: name another one"
         )
     wanted = numbers(values, "continue_cycle: values")
+    if not np.isfinite(wanted).all():
+        raise ValueError(f"continue_cycle: values must be finite, got {values!r}")
     steps = np.diff(wanted)
-    if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)) or not np.isfinite(wanted).all():
+    if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)):
         raise ValueError(f"continue_cycle: values must rise or fall, got {values!r}")
     for value in wanted.tolist():
         try:

@@ -15,7 +15,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Mask
 from stickslip.simulation.result import Result
-from stickslip.studies.derivatives.directions import CENTRAL, PART, Direction
+from stickslip.studies.derivatives.directions import CENTRAL, MIRRORED, PART, Direction
 from stickslip.studies.derivatives.steep import least_change
 from stickslip.studies.derivatives.varied import VariedPiece
 
@@ -30,6 +30,8 @@ _BESIDE = 100.0
 
 _FINE = 1e-4
 """Step of a difference as a part of the size of the motion."""
+
+_TINY = np.finfo(float).tiny
 
 
 def total(parts: Sequence[Any]) -> Any:
@@ -212,6 +214,30 @@ class Nearby:
         """Return the same at one local time, from one state and its variations S."""
         at = np.array([tau])
         return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
+
+    def falls(
+        self, quantity: Quantity, motion: Motion, tau: float, y: Array, straight: Mask | None = None
+    ) -> Array:
+        """Return the slopes of a quantity along a motion from a state; `straight` are lines linear in the state."""
+        rate = motion.rate(tau, y)
+        pace = float((np.abs(rate) / self.state_sizes).max(initial=0.0))
+        h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
+        stencil = CENTRAL if tau + 2 * h <= motion.horizon else MIRRORED
+        offsets = np.array([offset for offset, _ in stencil]) * h
+        weights = np.array([weight for _, weight in stencil]) / h
+
+        def slope(taus: Array, states: Array, weights: Array) -> Array:
+            return np.asarray(quantity(motion, taus, states) @ weights)
+
+        # along the tangent and its change: the parabola of the motion
+        ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
+        found = slope(tau + offsets, y[:, None] + 0.5 * offsets * (rate[:, None] + ahead), weights)
+        if pace > 0 and straight is not None and straight.any():
+            by_time = slope(tau + offsets, np.repeat(y[:, None], offsets.size, axis=1), weights)
+            far = y[:, None] + np.outer(rate, [1.0 / pace, -1.0 / pace])
+            by_state = slope(np.array([tau, tau]), far, np.array([0.5 * pace, -0.5 * pace]))
+            found[straight] = (by_time + by_state)[straight]
+        return found
 
     def border_slopes(self, y: Array, q: Array, S: Array) -> Array:
         """Return the derivatives of the borders of all gaps and stops, (borders, directions).

@@ -32,6 +32,7 @@ from stickslip.studies.derivatives import kinks
 from stickslip.studies.derivatives.directions import Direction
 from stickslip.studies.derivatives.nearby import REST, Nearby, Quantity, total
 from stickslip.studies.derivatives.varied import VariedImpact, VariedPiece
+from stickslip.studies.derivatives.varied_corners import corner_times
 from stickslip.studies.derivatives.varied_flow import flow
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
@@ -199,18 +200,27 @@ class Variation(Nearby):
             i = near_break[0]
             moved = [sum(weight * loads.breaks[i] for weight, _, loads in near) for near in self.near_ones]
             times = np.array(moved, dtype=float)
+            times[[k for k, one in enumerate(self.directions) if len(one.near) != len(self.near_ones[k])]] = (
+                np.nan
+            )
             self._refuse(piece.stop, kinks.at_break(self, piece, motion, S, since, times), times)
             self._refuse(piece.stop, kinks.beyond_break(self, number, motion, S, since, times), times)
             return times
         times = np.zeros(self.count)
+        changes = following.modes != piece.modes
+        closes = bool(changes.any() and (piece.modes[changes] == OPEN).all())
         if path.hit:
             guards = VariedGuards(self, piece, motion)
             times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin)
             self._refuse(piece.stop, reasons.items())
-        elif piece.end == 0 and number:
+        elif piece.end == 0 and (number or closes):
             # what the event before brings about, in its instant: a gap that touches presses a contact
             times = self.pieces[number].begin.copy()
-        elif np.any(following.modes != piece.modes) and all(t != piece.stop for t, _ in self._relaxed):
+        elif closes and (found := corner_times(self, number, motion, S, since)) is not None:
+            # a normal force that has been 0 rises from the corner of a table
+            times, reasons = found
+            self._refuse(piece.stop, reasons.items())
+        elif changes.any() and all(t != piece.stop for t, _ in self._relaxed):
             # the time of a relaxation is that at which a velocity falls below a margin: it tells nothing of the scene
             self._refuse_all(piece.stop, "the motion ends in a way that has no derivative here", times)
         return times

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
@@ -26,6 +27,9 @@ _GROWTH, _LEAST = 4.0, 1e-9
 _LAST = 1e-6
 """Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, 1e-11 in smooth
 motions and 1e-10 where a function has a kink in its slope."""
+
+_BESIDE = 1e-11
+"""Part of a step before a turn at which the step ends: its last point is to lie on its own side."""
 
 _TINY = np.finfo(float).tiny
 
@@ -94,16 +98,21 @@ def _reach(c: Array) -> float:
 def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
     """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
 
-    As many steps are joined as leave S a polynomial there: its last coefficient tells.
+    As many steps are joined as leave S a polynomial there: its last coefficient tells. Where bristles turn over, the
+    slopes of the rates jump: a step ends there.
     """
     size, count = nearby.system.size, nearby.count
     path = Steep(motion, piece.kept_path, float(nearby.state_sizes[0]), nearby.bend)
     nodes = radau()[0]
+    turns = _turns(motion, path)
+    steps = np.union1d(path.taus, turns)
+    stops = np.append(np.searchsorted(steps, turns), steps.size - 1)
     ends, found = [0.0], []
-    first, last, joined = 0, path.taus.size - 1, _JOINED
+    first, last, joined = 0, steps.size - 1, _JOINED
     while first < last:
-        edges = np.unique(np.minimum(first + joined * np.arange(_AT_ONCE + 1), last))
-        begins, lengths = path.taus[edges[:-1]], np.diff(path.taus[edges])
+        until = stops[np.searchsorted(stops, first, side="right")]
+        edges = np.unique(np.minimum(first + joined * np.arange(_AT_ONCE + 1), until))
+        begins, lengths = steps[edges[:-1]], np.diff(steps[edges])
         taus = (begins[:, None] + lengths[:, None] * nodes).ravel()
         y = path.at(taus)
         forcing = nearby.forcing(motion, since, taus, y)
@@ -117,12 +126,36 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
             if rough > 1.0 and end - first > 1:
                 break
             first, S = end, following
-            ends.append(float(path.taus[end]))
+            ends.append(float(steps[end]))
             found.append(c)
         # the last coefficient grows with the length to the power of its order
         factor = 0.9 * max(roughest, _LEAST) ** (-1.0 / STAGES)
         joined = min(max(int(joined * min(factor, _GROWTH)), 1), _JOINED)
     return np.array(ends), np.array(found)
+
+
+def _turns(motion: Motion, path: Steep) -> Array:
+    """Return the times just before those at which relative velocities of rows with bristles pass 0, in order."""
+    equations, system = motion.equations, motion.system
+    rows = equations.velocity_dependent[equations.law.bristles]
+    if not rows.size:
+        return np.empty(0)
+
+    def velocities(taus: Array) -> Array:
+        return np.asarray(system.relative_velocity(path.at(taus), motion.loads(taus))[rows])
+
+    taus = np.union1d(path.taus, path.taus[:-1] + 0.5 * np.diff(path.taus))
+    w = velocities(taus)
+    found = []
+    for j, i in np.argwhere(w[:, :-1] * w[:, 1:] < 0).tolist():
+
+        def velocity(tau: float, j: int = j) -> float:
+            return float(velocities(np.array([tau]))[j, 0])
+
+        begin, end = taus[i : i + 2].tolist()
+        turn = float(scipy.optimize.brentq(velocity, begin, end, xtol=0.5 * _BESIDE * (end - begin)))
+        found.append(max(begin, turn - _BESIDE * (end - begin)))
+    return np.unique(found)
 
 
 def _collocation(

@@ -10,7 +10,6 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.trajectory import Piece
-from stickslip.studies.derivatives.directions import CENTRAL, MIRRORED, PART
 from stickslip.studies.derivatives.nearby import Nearby
 
 TIE = 1e-6
@@ -35,8 +34,6 @@ derivative of their duration is roundoff."""
 
 _TIE_OF_ENGINES = 1e-13
 """Guards within this part of their scales come to 0 together for the engines."""
-
-_TINY = np.finfo(float).tiny
 
 
 class VariedGuards:
@@ -195,25 +192,7 @@ class VariedGuards:
         motion, guards = self._motion, self.guards
         if motion.is_linear:
             return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
-        rate = motion.rate(tau, y)
-        pace = float((np.abs(rate) / self._nearby.state_sizes).max(initial=0.0))
-        h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
-        stencil = CENTRAL if tau + 2 * h <= motion.horizon else MIRRORED
-        offsets = np.array([offset for offset, _ in stencil]) * h
-        weights = np.array([weight for _, weight in stencil]) / h
-
-        def slope(taus: Array, states: Array, weights: Array) -> Array:
-            return np.asarray(self.raw(motion, taus, states) @ weights)
-
-        # along the tangent and its change: the parabola of the motion
-        ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
-        found = slope(tau + offsets, y[:, None] + 0.5 * offsets * (rate[:, None] + ahead), weights)
-        if pace > 0 and self._straight.any():
-            by_time = slope(tau + offsets, np.repeat(y[:, None], offsets.size, axis=1), weights)
-            far = y[:, None] + np.outer(rate, [1.0 / pace, -1.0 / pace])
-            by_state = slope(np.array([tau, tau]), far, np.array([0.5 * pace, -0.5 * pace]))
-            found[self._straight] = (by_time + by_state)[self._straight]
-        return found
+        return self._nearby.falls(self.raw, motion, tau, y, self._straight)
 
     @property
     def _straight(self) -> Mask:

@@ -75,7 +75,9 @@ def measured_in(scene: Scene, data: Any, what: str) -> tuple[Measured, ...]:
             numbers(x, f"{what}: data {name!r}: {part}")
             for x, part in zip(series, ("times", "values"), strict=False)
         )
-        if t.size != values.size or not t.size:
+        if not t.size:
+            raise ValueError(f"{what}: data {name!r} has no times; give one at least")
+        if t.size != values.size:
             raise ValueError(
                 f"{what}: data {name!r}: times and values must be equally many, got {t.size} and {values.size}"
             )
