@@ -35,6 +35,7 @@ from stickslip.equations.system import System
 from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.trajectory import Piece
+from stickslip.simulation import local as following
 from validation import part_by_part as validation
 from validation.against_oracles import difference
 from validation.machine_scenes import FAMILIES
@@ -394,6 +395,45 @@ def test_bodies_between_walls_that_are_shaken(wall: Any) -> None:
     for gap in ("faces", "lever"):
         np.testing.assert_allclose(local.force(gap), whole.force(gap), rtol=0, atol=1e-10)
         assert {event.after for event in local.events if event.contact == gap} > {Mode.OPEN}
+
+
+@pytest.mark.parametrize("static", [0.5, 0.3])
+def test_an_open_contact_of_a_block_that_breaks_away(static: float) -> None:
+    """Nothing presses it; with static friction of 0.5 it shows at once where the block goes, with 0.3 a step later.
+
+    The block of 1 kg is pulled by t N, presses with 10 N, and breaks away at 10 times the coefficient.
+    """
+    law = DryFriction(static, 0.3)
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("holds", "b", GROUND, law, normal=10.0),
+        Contact("open", "b", GROUND, law, normal=-1.0),
+        Force("b", piecewise_linear([0.0, 9.0], [0.0, 9.0])),
+    )
+    local, whole = both(scene, 6.0)
+    away = 10.0 * static
+    assert next((event.contact, event.t) for event in local.events) == (
+        "holds",
+        pytest.approx(away, abs=1e-13),
+    )
+    assert (
+        local.mode("open")[local.t > away + 1e-3].tolist()
+        == whole.mode("open")[whole.t > away + 1e-3].tolist()
+    )
+    assert local.velocity("b")[-1] == pytest.approx(0.5 * (6.0**2 - away**2) - 3.0 * (6.0 - away), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_patches_that_are_not_kept_are_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without dense output the values at the asked times are those of a run that keeps all."""
+    times = np.linspace(0.0, 1.0, 37)
+    with validation.part_by_part():
+        kept = simulate(buffers(0.2), (0.0, 1.0), t_eval=times)
+        monkeypatch.setattr(following, "_FLUSH", 2)
+        left = simulate(buffers(0.2), (0.0, 1.0), t_eval=times, dense_output=False)
+    assert [str(event) for event in left.events] == [str(event) for event in kept.events]
+    np.testing.assert_allclose(left.y, kept.y, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(left.force("rail w7"), kept.force("rail w7"), rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -279,9 +279,7 @@ def test_a_function_that_fails_names_its_event() -> None:
         When("far", position("a") - 9.0),
         When("pole", feedback(lambda v: 1.0 / (v - 1.0), velocity("a"))),
     ]
-    with pytest.raises(
-        SimulationError, match=r"event 'pole': feedback function .* raised ZeroDivisionError"
-    ):
+    with pytest.raises(SimulationError, match=r"event 'pole': feedback function .* raised ZeroDivisionError"):
         simulate(scene, (0.0, 1.0), events=events)
 
 
