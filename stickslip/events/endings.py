@@ -202,14 +202,30 @@ def _slowest_flight(
     return float(slowest.max(initial=0.0))
 
 
-def arrived(motion: Motion, path: Path, labels: Modes, uncertain: Array | None) -> Mask:
-    """Tell which open rows come to rest at the end of a path, where a drive stops or another row is caught.
+def opening(system: System, modes: Modes, q: Array) -> Mask:
+    """Tell which moving rows nothing presses any more where a motion ends and the inputs become `q`."""
+    moves = (np.abs(modes) == 1) & system.is_friction & ~system.pressed
+    return np.asarray(moves & (q[: system.m] <= 0))
+
+
+def landed(system: System, modes: Modes, jump: Jump, q: Array) -> Mask:
+    """Tell which open rows have jumped to relative velocity 0, with the inputs `q` from then on."""
+    found = jump.parted & system.is_friction & (modes == OPEN)
+    if found.any():
+        v, u = jump.y[: system.n], system.drive_velocities(q)
+        speeds = system.abs_G @ np.abs(v) + system.abs_D @ np.abs(u)
+        found &= np.abs(system.relative(v, u)) <= SAME * speeds
+    return np.asarray(found)
+
+
+def arrived(motion: Motion, path: Path, labels: Modes, some: Mask, uncertain: Array | None) -> Mask:
+    """Tell which of some rows come to rest at the end of a path, where a drive stops or another row is caught.
 
     At its rate there the velocity of such a row is 0 at that time; one that dies away has no rate left by then.
     """
     system, n, tau = motion.system, motion.system.n, float(path.taus[-1])
-    if not motion.equations.open.size:
-        return np.zeros(system.m, dtype=bool)
+    if not some.any():
+        return some
     q = motion.inputs(tau, path.last)
     rate, speeds = system.G @ motion.both(tau, path.last, q)[:n], system.abs_G @ path.largest[:n]
     if system.drives:
@@ -217,10 +233,7 @@ def arrived(motion: Motion, path: Path, labels: Modes, uncertain: Array | None) 
         reached = np.abs(system.drive_velocities(q)) + np.abs(acceleration) * (motion.t + tau)
         rate, speeds = rate + system.D @ acceleration, speeds + system.abs_D @ reached
     w = system.relative_velocity(path.last, q)
-    found: Mask = (motion.equations.modes == OPEN) & arrives(
-        w, rate, tau, labels, ROUNDOFF * speeds, uncertain
-    )
-    return found
+    return np.asarray(some & arrives(w, rate, tau, labels, ROUNDOFF * speeds, uncertain))
 
 
 def arrives(

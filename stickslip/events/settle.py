@@ -45,6 +45,9 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
     motion, system = now.motion, now.motion.system
     if t < motion.stretch.stop or system.has_stops or system.sampled or system.dependence is not None:
         return None
+    if system.drives and motion.equations.at_level.size:
+        # what spares them may be torn away
+        return None
     q = stretch.at(t)
     if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.stretch.at(t))).any():
         return None
@@ -241,7 +244,8 @@ def _settled(
             y = _project(system, now.y, u, candidates)
     labels = np.where(resting, 0, named).astype(np.int8)
     trial = _tried_first(system, labels, w, now, closed, at_stop)
-    since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
+    rests = (trial == 0) | (trial == OPEN) & (labels == 0)
+    since = now.since if now.labels is not None else np.where(rests, now.since, now.t)
     now = now._replace(y=y, since=since)
     regions = system.piecewise.at(y, q, now.regions)
     search = Search(system, stretch, now, labels, candidates, regions, beyond)

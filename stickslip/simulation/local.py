@@ -72,11 +72,16 @@ class Local:
         self.most_guards = self._held = self._most_held = self._armed = 0
         self._opened, self._any_slick = _NONE, False
 
-    def arrived(self, t: float) -> Mask:
-        """Tell which open rows have come to rest at time `t`, where the whole scene is to be settled."""
+    @property
+    def modes(self) -> Modes:
+        """The modes of all rows, 0 for those that carry their level, too."""
+        return self._parts.mode
+
+    def arrived(self, t: float, opens: Mask) -> Mask:
+        """Tell which rows, open or opening, have come to rest at time `t`, where the whole scene is to be settled."""
         parts, due = self._parts, self._due
         found = np.zeros(parts.mode.size, dtype=bool)
-        rows = ((parts.mode == OPEN) & (parts.label != 0)).nonzero()[0]
+        rows = ((parts.mode == OPEN) & (parts.label != 0) | opens).nonzero()[0]
         if rows.size:
             w, rate = due.moved(rows, t)[:, :2].T / np.array([[1.0], [parts.unit]])
             speeds = np.array([due.floor(j, t) for j in rows.tolist()]) + np.abs(rate * t)

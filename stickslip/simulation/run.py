@@ -22,6 +22,8 @@ from stickslip.events.endings import (
     at_limit,
     at_stops,
     jumped,
+    landed,
+    opening,
     shown_at_end,
 )
 from stickslip.events.impact import Struck, struck
@@ -225,7 +227,10 @@ class Run:
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
         jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, None)
-        stops = local.arrived(t)
+        q = self.loads.after(t).at(t)
+        modes = local.modes
+        stops = local.arrived(t, opening(self.system, modes, q)) & ~jump.parted
+        stops |= landed(self.system, modes, jump, q)
         touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
         situation = end._replace(y=jump.y, labels=labels, touching=touching, sides=jump.sides, arrived=stops)
@@ -301,7 +306,11 @@ class Run:
             rest = self._wanted.velocity_resolution
             rest = rest if uncertain is None else np.maximum(rest, uncertain)
             at_rest &= ((motion.equations.modes != OPEN) & system.hard) | (np.abs(w) <= rest)
-        stops = arrived(motion, path, now.labels, uncertain)
+        q = self.loads.after(t).at(t)
+        modes = motion.equations.modes
+        may_arrive = (modes == OPEN) | opening(system, modes, q)
+        stops = arrived(motion, path, now.labels, may_arrive, uncertain) & ~jump.parted
+        stops |= landed(system, modes, jump, q)
         # what an impact parts in the instant in which it comes to rest moves on
         touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Stop,
+    Tie,
     output,
     piecewise_linear,
     signal,
@@ -34,6 +37,7 @@ from stickslip import (
     step,
     velocity,
 )
+from validation import part_by_part
 from validation.against_oracles import scene_of
 from validation.oracle_scenes import FAMILIES
 
@@ -575,3 +579,83 @@ def test_a_loaded_body_that_rings_down_shows_how_it_moves() -> None:
         np.arange(first, 4.0, math.pi / omega).tolist(), abs=1e-7
     )
     assert {event.after for event in result.events} == {-1, 1}
+
+
+HOLDERS = {
+    "nothing": (),
+    "friction": (Contact("g", "b", GROUND, DryFriction(5.0, 5.0), normal=1.0),),
+    "a tie": (Tie("g", {"b": 1.0}),),
+    "a stop": (Stop("g", "b", GROUND, lower=0.0, upper=1.0), Force("b", -2.0)),
+}
+
+
+@pytest.mark.parametrize("by_parts", [False, True])
+@pytest.mark.parametrize("normal", [step(1.0, 0.0, 1.0), 0.0, -1.0], ids=["pressed on", "none", "apart"])
+@pytest.mark.parametrize("holder", HOLDERS)
+def test_a_drive_that_jumps_as_an_open_contact_comes_to_rest(
+    holder: str, normal: Any, by_parts: bool
+) -> None:
+    """The belt slows down to 0 in 1 s, and jumps to -1 m/s: friction hands on no impulse, the block stays behind."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 1.0, 1.0], [1.0, 0.0, -1.0])),
+        Contact("c", "b", "belt", DryFriction(0.5, 0.5), normal=normal),
+        *HOLDERS[holder],
+    )
+    with part_by_part.part_by_part() if by_parts else nullcontext():
+        result = simulate(scene, (0.0, 2.0))
+    sample = result.sample([0.5, 1.5])
+    assert sample.mode("c").tolist() == [-1, 1] and told(result) == [("c", -1, 1)]
+    pulled = -0.25 if holder == "nothing" and normal not in (0.0, -1.0) else 0.0
+    np.testing.assert_allclose(sample.velocity("b"), [0.0, pulled], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("by_parts", [False, True])
+def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(by_parts: bool) -> None:
+    """A belt jumps to the 1 m/s of a coasting block; pressed from 2 s on, the contact has rested for 1 s."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=1.0),
+        Drive("belt", velocity=step(1.0, 0.5, 1.0)),
+        Contact("c", "b", "belt", DryFriction(1.0, 0.5, dwell=1.0), normal=step(2.0, 0.0, 1.0)),
+    )
+    with part_by_part.part_by_part() if by_parts else nullcontext():
+        result = simulate(scene, (0.0, 4.0))
+    assert told(result) == [("c", 1, 0)] and result.events[0].t == 1.0
+    assert result.sample([3.0]).breakaway("c")[0] == pytest.approx(1.0 - 0.5 * math.exp(-2.0), abs=1e-13)
+
+
+@pytest.mark.parametrize("by_parts", [False, True])
+@pytest.mark.parametrize("after", [0.0, -1.0])
+@pytest.mark.parametrize("stop", [2.0, 2.1, 2.3, 2.7])
+def test_a_contact_that_opens_in_the_instant_in_which_it_comes_to_rest(
+    stop: float, after: float, by_parts: bool
+) -> None:
+    """A block of 1 m/s is stopped by 1 / T N, which end then: at rest from T on, its level is whole again at 3.5 s."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=1.0),
+        Contact(
+            "c",
+            "b",
+            GROUND,
+            DryFriction(1.0, 0.5, dwell=0.02),
+            normal=piecewise_linear([stop, stop, 3.5, 3.5], [2.0 / stop, after, after, 1.0]),
+        ),
+        Force("b", step(3.5, 0.0, 0.8)),
+    )
+    with part_by_part.part_by_part() if by_parts else nullcontext():
+        result = simulate(scene, (0.0, 5.0))
+    assert told(result) == [("c", 1, 0)] and result.events[0].t == pytest.approx(stop, abs=1e-12)
+    assert np.abs(result.velocity("b")[result.t > stop]).max() < 1e-14
+
+
+def test_an_open_contact_at_rest_at_the_start_has_rested() -> None:
+    """Pressed from 1 s on, it has rested for 3 s; what it rests in a run counts as what is given at its start."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("c", "b", GROUND, DryFriction(2.0, 1.0, dwell=1.0), normal=step(1.0, -1.0, 1.0), rested=2.0),
+    )
+    result = simulate(scene, (0.0, 2.0))
+    assert result.sample([1.5]).breakaway("c")[0] == pytest.approx(2.0 - math.exp(-3.5), abs=1e-13)
+    first = simulate(scene, (0.0, 0.5))
+    on = simulate(first.final_scene(), (0.5, 2.0))
+    assert on.sample([1.5]).breakaway("c")[0] == pytest.approx(2.0 - math.exp(-3.5), abs=1e-13)

@@ -19,6 +19,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    OneWay,
     Result,
     Scene,
     Signal,
@@ -326,3 +327,45 @@ def test_what_others_bring_to_rest_is_at_rest(method: str, velocity: float) -> N
     result = simulate(scene, (0.0, 50.0), method=method, **step)
     assert not result.final_scene().bodies[0].velocity
     assert [int(result.mode(name)[-1]) for name in ("ca", "cb", "ab")] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+@pytest.mark.parametrize("force", [-3.0, 3.0])
+def test_a_share_at_its_level_holds_nothing_when_a_drive_moves_off(
+    force: float, method: Any, formulation: Any
+) -> None:
+    """A belt of level 8 N and the ground of 0.5 N hold a block; at 1 s the belt moves off with 1 m/s^2.
+
+    The belt is the stronger one: the ground, which had carried its level of the 3 N, slides with 0.5 N.
+    """
+    if method == "auto" and formulation != "contact-force":
+        method = "auto" if formulation == "multiplier" else "BDF"
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
+        Contact("on belt", "b", "belt", DryFriction(2.0, 1.0), normal=4.0),
+        Contact("on ground", "b", GROUND, DryFriction(0.5, 0.5), normal=1.0),
+        Force("b", force),
+    )
+    result = simulate(scene, (0.0, 3.0), method=method, formulation=formulation)
+    assert told(result) == [("on ground", 0, 1)] and result.events[0].t == pytest.approx(1.0, abs=1e-7)
+    sample = result.sample([0.5, 1.5, 2.5])
+    np.testing.assert_allclose(sample.velocity("b"), [0.0, 0.5, 1.0], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(sample.force("on ground"), [math.copysign(0.5, force), 0.5, 0.5], atol=1e-7)
+
+
+def test_a_freewheel_that_carries_nothing_stops_a_block_all_the_same() -> None:
+    """The belt pulls a block forward, which a freewheel to the ground forbids: the belt slides."""
+    scene = Scene(
+        Body("b", inertia=3.0),
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
+        Contact("on belt", "b", "belt", DryFriction(2.0, 1.0), normal=4.0),
+        OneWay("free", "b", GROUND),
+        Force("b", -1.0),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    assert told(result) == [("on belt", 0, -1)] and result.events[0].t == 1.0
+    assert not result.velocity("b").any()
+    # it carries 4 N of the belt less 1 N
+    assert result.force("free")[-1] == pytest.approx(3.0, abs=1e-14)
