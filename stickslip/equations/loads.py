@@ -29,6 +29,9 @@ TableRegions = tuple[int, ...] | None
 _JUMP = 1e-9
 """Part of a signal by which it jumps at least."""
 
+_TOGETHER = 2e-15
+"""Part of a time by which breaks differ that are the same but for roundoff."""
+
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
 
@@ -85,6 +88,7 @@ class Loads:
             breaks = {b for s, value in values for b in _jumps(value, sorted(s.breaks(start, stop)))}
         else:
             breaks = {b for s in self._signals for b in s.breaks(start, stop)}
+        breaks = _apart(breaks)
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
         straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
@@ -156,6 +160,16 @@ class Loads:
                     if rate is not None:
                         functions.append((rate, _slope(term, t, stop)))
         return Stretch(t, stop, value, slope, waves, functions, self._stepped)
+
+
+def _apart(breaks: set[float]) -> set[float]:
+    """Return the last ones of breaks that differ by roundoff: where one signal crosses 0 as another has its corner."""
+    found = list[float]()
+    for b in sorted(breaks):
+        if found and b - found[-1] <= _TOGETHER * abs(b):
+            found.pop()
+        found.append(b)
+    return set(found)
 
 
 class Stretch:

@@ -151,11 +151,12 @@ def jumped(
     if not (system.drives or system.has_stops):
         none = np.zeros(system.m, dtype=bool)
         return Jump(none, y, np.zeros(system.m, dtype=np.int8), none, None)
-    q = loads.after(t).at(t)
-    before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
-    after = system.drive_velocities(q)
+    q, q_before = loads.after(t).at(t), motion.stretch.at(motion.t + float(path.taus[-1]))
+    before, after = system.drive_velocities(q_before), system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
-    jump = np.where(np.abs(after - before) > SAME * size, after - before, 0.0)
+    # a drive that comes to rest with a corner does so but for the roundoff of the time
+    rough = ROUNDOFF * (abs(t) + motion.horizon) * np.abs(system.drive_accelerations(q_before))
+    jump = np.where(np.abs(after - before) > np.maximum(SAME * size, rough), after - before, 0.0)
     sides, new = at_stops(system, y, q, labels, path.largest, crossed)
     w = system.relative(y[:n], before)
     hit = new & (sides * w > 0)

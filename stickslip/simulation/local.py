@@ -27,6 +27,7 @@ from stickslip.events.situation import Situation
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.patchwork import Patches, packed
+from stickslip.simulation.borders import TOGETHER
 from stickslip.simulation.recorder import Recorder, cause_of
 
 _TIE = 1e-11
@@ -149,6 +150,9 @@ class Local:
                     self._due.refine(k)
                 if rough.size:
                     continue
+            if parts.stop - t <= TOGETHER * abs(parts.stop):
+                # the break itself: what was added up to it has been rounded
+                return self._ending(parts.stop, near, self._any_gap(near))
             if self._any_slick and self._due.near_rest[near].any():
                 return self._ending(t, _NONE, True)
             if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
