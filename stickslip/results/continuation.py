@@ -10,6 +10,7 @@ import numpy as np
 from stickslip.equations.guard_values import AT_BAND
 from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.matrices import dense
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
@@ -90,7 +91,8 @@ def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     would be a flight, so that there it is taken off.
     """
     functions = system.piecewise
-    closed = functions.is_stop & (modes[functions.row] == 0)
+    # one that others spare carries nothing, and is closed all the same
+    closed = functions.is_stop & np.isin(modes[functions.row], (0, AT_HIGH, AT_LOW))
     if not closed.any():
         return y
     q = np.zeros(system.inputs)

@@ -52,6 +52,9 @@ _RESTARTS_WITHOUT_PROGRESS = 100
 _FROM_NOTHING = 1e-6
 """A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
 
+_LATE = 1e-3
+"""The part of the way that a body goes in the time so far of which its position has the roundoff: that of the time."""
+
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
@@ -127,8 +130,12 @@ class Run:
         Returns which do, at which limits stops rest then, and what the impact did.
         """
         system, q = self.system, self.loads.after(self.t).at(self.t)
-        sides, _ = at_stops(system, y, q)
         u = system.drive_velocities(q)
+        # what is nearer to a limit than the roundoff of the time tells is there
+        late = np.abs(y)
+        late[system.moved_state] += _LATE * abs(self.t) * np.abs(y[system.moved])
+        late[system.carried_state] += _LATE * abs(self.t) * np.abs(u[system.carried])
+        sides, _ = at_stops(system, y, q, largest=late)
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff; drives that it
         # rests at are as fast as bodies
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))

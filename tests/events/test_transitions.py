@@ -16,6 +16,8 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
+    OneWay,
     Scene,
     Signal,
     Spring,
@@ -608,3 +610,70 @@ def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(
     assert [(e.contact, e.after) for e in result.events] == [("floor", 1), ("brake", 0)]
     assert [e.t / unit for e in result.events] == pytest.approx([1.0, 2.0], abs=1e-7)
     assert result.velocity("pulled")[-1] * unit == pytest.approx(2.0, abs=1e-7)
+
+
+def test_a_drive_that_comes_to_rest_with_a_corner_shakes_nothing_loose() -> None:
+    """Before the break of 3.85 s the belt still has a velocity of 1e-16 m/s: roundoff, and no jump.
+
+    The block on the belt, pressed since 3 s, has rested for so long that it holds 4 of 4.1 times its normal force.
+    """
+    corner = 3.8500000000000005
+    scene = Scene(
+        Body("b0", inertia=3.9000000000000004, velocity=-0.9609090909090907),
+        Body("b1", inertia=2.6, velocity=0.6936363636363636),
+        Body("b3", inertia=1.3, velocity=0.20363636363636362),
+        Drive(
+            "d",
+            velocity=piecewise_linear(
+                [1.6500000000000001, 2.75, corner], [0.6363636363636362, 0.3181818181818181, 0.0]
+            ),
+        ),
+        Contact(
+            "c0",
+            "b1",
+            "d",
+            DryFriction(4.0, 2.0, dwell=0.05),
+            normal=piecewise_linear(
+                [2.75, corner, 4.4], [-0.7520661157024792, 1.5041322314049583, 0.3760330578512396]
+            ),
+        ),
+        Contact("c1", "b1", "b3", DryFriction(1.0, 0.5), normal=0.7520661157024792, rested=0.275),
+        Contact(
+            "c2",
+            "b0",
+            "b3",
+            DryFriction(0.5, 0.5),
+            normal=sine(0.7520661157024792, 0.45454545454545453, phase=-math.pi / 2),
+        ),
+        Force("b3", piecewise_linear([1.1, 1.65, 3.3], [-1.504, 0.0, 0.0])),
+        Force("b1", piecewise_linear([3.7, 3.8, 4.4], [0.0, 4.0, 4.0])),
+    )
+    result = simulate(scene, (0.0, 4.4))
+    late = [event for event in result.events if event.t > 3.5]
+    assert [(event.contact, int(event.after)) for event in late] == [("c0", 1)] and late[0].t > 4.1
+    sample = result.sample([3.84, 3.86])
+    assert np.all(sample.breakaway("c0") > 3.99 * sample.normal("c0"))
+
+
+def test_breaks_that_differ_by_roundoff_are_one() -> None:
+    """The belt comes to rest at 3 s, where a normal force of ``sin(pi t / 2 + pi / 2)`` N passes 0, at 3 - 4e-16 s.
+
+    A freewheel stops the block there: nothing slips on the way from the one to the other.
+    """
+    scene = Scene(
+        Body("b0", inertia=1.0, velocity=1.28),
+        Body("b1", inertia=1.0, velocity=-0.41),
+        Drive("d", velocity=piecewise_linear([1.0, 1.5, 3.0], [0.0, 1.0, 0.0])),
+        Contact("c0", "b0", "d", DryFriction(4.0, 2.0, dwell=0.2), normal=2.0, rested=10.0),
+        Contact("c1", "b1", "b0", DryFriction(1.0, 1.0), normal=sine(1.0, 0.25, phase=math.pi / 2)),
+        OneWay("free", GROUND, "b0"),
+        Spring("b0", "b1", stiffness=2.0, damping=0.1),
+        Gap("gap", "b0", "b1", lower=-0.5, upper=0.5, stiffness=10.0),
+        Force("b1", piecewise_linear([1.0, 1.0, 2.5, 4.0], [-3.0, 0.0, -3.0, 2.0])),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    assert [(event.contact, event.t) for event in result.events if abs(event.t - 3.0) < 1e-9] == [
+        ("free", 3.0)
+    ]
+    sample = result.sample([2.99, 3.02])
+    assert np.all(sample.breakaway("c0") > 3.99 * sample.normal("c0"))

@@ -48,6 +48,7 @@ from stickslip import (
     triangle,
     velocity,
 )
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
 from stickslip.equations.system import System
 from stickslip.results.continuation import on_stops
 
@@ -328,13 +329,19 @@ def test_a_body_at_rest_near_a_limit_of_0_stays_there() -> None:
     assert not simulate(then, (5e6, 6e6)).events
 
 
+@pytest.mark.parametrize(
+    "mode", [0, AT_HIGH, AT_LOW], ids=["held", "at its upper level", "at its lower level"]
+)
 @pytest.mark.parametrize("side", [1, -1])
-def test_only_a_limit_of_0_takes_roundoff_off(side: int) -> None:
-    """Closed at 1e-9 m, though its other limit is 0, or at 0; it has been 1e7 m away, whose roundoff is 1e-8 m."""
+def test_only_a_limit_of_0_takes_roundoff_off(side: int, mode: int) -> None:
+    """Closed at 1e-9 m, though its other limit is 0, or at 0; it has been 1e7 m away, whose roundoff is 1e-8 m.
+
+    One that others spare is closed, too.
+    """
     limits = sorted([0.0, side * 1e-9])
     system = System(Scene(Body("m", inertia=1.0), Stop("s", "m", GROUND, lower=limits[0], upper=limits[1])))
     for at, then in ((side * 1e-9, side * 1e-9), (side * 1e-12, 0.0)):
-        found = on_stops(system, np.array([0.0, at]), np.zeros(1, dtype=np.int8), np.array([1e7]))
+        found = on_stops(system, np.array([0.0, at]), np.array([mode], dtype=np.int8), np.array([1e7]))
         assert found.tolist() == [0.0, then]
 
 

@@ -627,3 +627,17 @@ def test_an_impact_soon_in_a_run_of_months(length: float, bodies: int) -> None:
     met = 2 * limits / (1 + np.sqrt(1 + 2 * limits))
     np.testing.assert_allclose([event.t for event in result.events], met, rtol=1e-13)
     np.testing.assert_allclose([result.position(f"m{k}")[-1] for k in range(bodies)], limits, rtol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+@pytest.mark.parametrize("start", [0.0, 2.66, 1e3])
+@pytest.mark.parametrize("place", [0.0, 1e-19, 1e-16])
+def test_what_starts_at_a_limit_but_for_roundoff_rebounds(place: float, start: float, method: Any) -> None:
+    """A ball of -2 m/s and a restitution of 1/2 leaves with 1 m/s, wherever the clock stands."""
+    scene = Scene(
+        Body("ball", inertia=1.0, velocity=-2.0, position=place),
+        Stop("floor", "ball", GROUND, lower=0.0, upper=5.0, restitution=0.5),
+    )
+    result = simulate(scene, (start, start + 2.0), method=method)
+    assert [event.cause for event in result.events] == ["impact"]
+    assert result.velocity("ball")[-1] == pytest.approx(1.0, abs=1e-7)
