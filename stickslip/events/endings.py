@@ -24,6 +24,10 @@ _NOTHING = 1e-200
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
 
+_LATE = 1e-3
+"""Part of the way that a body goes in the time so far which counts as its position: a place has the roundoff of the
+time, too."""
+
 _TOLD = 10.0
 """How many times its roundoff a stretch has to be for its sign to be told."""
 
@@ -129,6 +133,14 @@ def at_stops(
     if before is not None:
         sides[was] = before[was]
     return sides, (sides != 0) & ~was
+
+
+def at_stops_at_start(system: System, y: Array, q: Array, t: float) -> Modes:
+    """Return at which limits stops are where a run starts: what is nearer than the roundoff of the time tells is there."""
+    late, u = np.abs(y), system.drive_velocities(q)
+    late[system.moved_state] += _LATE * abs(t) * np.abs(y[system.moved])
+    late[system.carried_state] += _LATE * abs(t) * np.abs(u[system.carried])
+    return at_stops(system, y, q, largest=late)[0]
 
 
 def jumped(

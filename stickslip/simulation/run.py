@@ -20,7 +20,7 @@ from stickslip.events.endings import (
     alone_at_limit,
     arrived,
     at_limit,
-    at_stops,
+    at_stops_at_start,
     jumped,
     landed,
     opening,
@@ -51,9 +51,6 @@ from stickslip.simulation.watching import Watch
 _RESTARTS_WITHOUT_PROGRESS = 100
 _FROM_NOTHING = 1e-6
 """A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
-
-_LATE = 1e-3
-"""The part of the way that a body goes in the time so far of which its position has the roundoff: that of the time."""
 
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
@@ -131,11 +128,7 @@ class Run:
         """
         system, q = self.system, self.loads.after(self.t).at(self.t)
         u = system.drive_velocities(q)
-        # what is nearer to a limit than the roundoff of the time tells is there
-        late = np.abs(y)
-        late[system.moved_state] += _LATE * abs(self.t) * np.abs(y[system.moved])
-        late[system.carried_state] += _LATE * abs(self.t) * np.abs(u[system.carried])
-        sides, _ = at_stops(system, y, q, largest=late)
+        sides = at_stops_at_start(system, y, q, self.t)
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff; drives that it
         # rests at are as fast as bodies
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))

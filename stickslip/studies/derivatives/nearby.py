@@ -56,6 +56,10 @@ class Nearby:
             for one in directions
         ]
         self.count = len(self.directions)
+        # directions in which the scenes near by have other breaks
+        self.lost_breaks = [
+            k for k, one in enumerate(self.directions) if len(one.near) != len(self.near_ones[k])
+        ]
         self._beside: tuple[Motion | None, dict[int, list[tuple[float, Motion]]]] = None, {}
         # of what changes in each direction
         self.sizes = np.array([one.size for one in self.directions])

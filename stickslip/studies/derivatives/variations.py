@@ -21,7 +21,7 @@ from stickslip.engines import METHODS
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.one_thread import one_thread
-from stickslip.events.endings import at_limit, at_stops
+from stickslip.events.endings import at_limit, at_stops, at_stops_at_start
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece, by_piece
@@ -160,12 +160,12 @@ class Variation(Nearby):
         q = motion.stretch.at(t)
         u = system.drive_velocities(q)
         none = np.zeros_like(u)
-        sides, _ = at_stops(system, y, q)
+        sides = at_stops_at_start(system, y, q, t)
         hit = sides * system.relative_velocity(y, q) > 0
         acts, nothing = system if hit.any() else None, np.zeros(system.m, dtype=bool)
         impact = VariedImpact(acts, y[:n], u, u, none, sides, hit, closed=nothing)
-        for k, direction in enumerate(self.directions):
-            if len(direction.near) != len(self.near_ones[k]):
+        for k in range(self.count):
+            if k in self.lost_breaks:
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"
                 self._refuse(t, [(k, why)], S)
                 continue
@@ -200,9 +200,7 @@ class Variation(Nearby):
             i = near_break[0]
             moved = [sum(weight * loads.breaks[i] for weight, _, loads in near) for near in self.near_ones]
             times = np.array(moved, dtype=float)
-            times[[k for k, one in enumerate(self.directions) if len(one.near) != len(self.near_ones[k])]] = (
-                np.nan
-            )
+            times[self.lost_breaks] = np.nan
             self._refuse(piece.stop, kinks.at_break(self, piece, motion, S, since, times), times)
             self._refuse(piece.stop, kinks.beyond_break(self, number, motion, S, since, times), times)
             return times

@@ -153,8 +153,12 @@ def _turns(motion: Motion, path: Steep) -> Array:
             return float(velocities(np.array([tau]))[j, 0])
 
         begin, end = taus[i : i + 2].tolist()
-        turn = float(scipy.optimize.brentq(velocity, begin, end, xtol=0.5 * _BESIDE * (end - begin)))
-        found.append(max(begin, turn - _BESIDE * (end - begin)))
+        beside = _BESIDE * (end - begin)
+        # what is 0 but for roundoff may have another sign when it is asked alone
+        turn = begin if abs(w[j, i]) < abs(w[j, i + 1]) else end
+        if velocity(begin) * velocity(end) < 0:
+            turn = float(scipy.optimize.brentq(velocity, begin, end, xtol=0.5 * beside))
+        found.append(max(begin, turn - beside))
     return np.unique(found)
 
 
