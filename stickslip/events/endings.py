@@ -136,7 +136,7 @@ def at_stops(
 
 
 def at_stops_at_start(system: System, y: Array, q: Array, t: float) -> Modes:
-    """Return at which limits stops are where a run starts: what is nearer than the roundoff of the time tells is there."""
+    """Return at which limits stops are as a run starts: what is nearer than the roundoff of the time is there."""
     late, u = np.abs(y), system.drive_velocities(q)
     late[system.moved_state] += _LATE * abs(t) * np.abs(y[system.moved])
     late[system.carried_state] += _LATE * abs(t) * np.abs(u[system.carried])
