@@ -251,7 +251,7 @@ def derivatives(numbers: Sequence[int]) -> Tried:
     counts = dict.fromkeys(
         ("compared", "unsettled", "reasoned", "needless", "refused", "alone", "stopped"), 0
     )
-    tried = try_each(((f"scene {n}", partial(_of_scene, n, counts)) for n in numbers), limit=120.0)
+    tried = try_each(((f"scene {n}", partial(_of_scene, n, counts)) for n in numbers), limit=300.0)
     said = (
         f"{counts['compared']} derivatives compared, {counts['unsettled']} more with differences that are uncertain "
         f"by more than {_SETTLED:g}; {counts['reasoned']} parameters with a reason why there is none, "
@@ -435,7 +435,7 @@ def rows(numbers: Sequence[int]) -> list[Row]:
             partial(derivatives, numbers),
             1e-6,
             tries="random scenes with derivatives",
-            limit=60.0 + 15.0 * len(numbers),
+            limit=60.0 + 30.0 * len(numbers),
         ),
         analysis_row(
             "analysis-duffing",
