@@ -223,12 +223,12 @@ def opening(system: System, modes: Modes, q: Array) -> Mask:
 
 def landed(system: System, modes: Modes, jump: Jump, q: Array) -> Mask:
     """Tell which open rows have jumped to relative velocity 0, with the inputs `q` from then on."""
+    if not jump.parted.any():
+        return jump.parted
+    v, u = jump.y[: system.n], system.drive_velocities(q)
+    speeds = system.abs_G @ np.abs(v) + system.abs_D @ np.abs(u)
     found = jump.parted & system.is_friction & (modes == OPEN)
-    if found.any():
-        v, u = jump.y[: system.n], system.drive_velocities(q)
-        speeds = system.abs_G @ np.abs(v) + system.abs_D @ np.abs(u)
-        found &= np.abs(system.relative(v, u)) <= SAME * speeds
-    return np.asarray(found)
+    return np.asarray(found & (np.abs(system.relative(v, u)) <= SAME * speeds))
 
 
 def arrived(motion: Motion, path: Path, labels: Modes, some: Mask, uncertain: Array | None) -> Mask:
