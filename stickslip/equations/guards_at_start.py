@@ -30,7 +30,7 @@ _NEAR = 1e-5
 """A held row this near to its level, as a part of it, deserves a closer look."""
 
 _NEAR_IN_TIME = 1e-12
-_TIME = 1e-15
+TIME = 1e-15
 """Part of the time that is uncertain."""
 
 DIFFERENCED = 1e-6
@@ -307,5 +307,5 @@ def with_time(sizes: Array, changes: Array, t: float) -> Array:
 
     It is one of all that `changes`; the highest order is left out.
     """
-    late = _TIME / ROUNDOFF * abs(t) * _ORDERS[: sizes.shape[0] - 1]
+    late = TIME / ROUNDOFF * abs(t) * _ORDERS[: sizes.shape[0] - 1]
     return np.asarray(sizes[:-1] + late * changes[1:])

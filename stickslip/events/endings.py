@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip.equations.guards import FULLY, Guards
-from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF, TIME
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
@@ -23,10 +23,6 @@ _NOTHING = 1e-200
 
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
-
-_LATE = 1e-3
-"""Part of the way that a body goes in the time so far which counts as its position: a place has the roundoff of the
-time, too."""
 
 _TOLD = 10.0
 """How many times its roundoff a stretch has to be for its sign to be told."""
@@ -137,10 +133,10 @@ def at_stops(
 
 def at_stops_at_start(system: System, y: Array, q: Array, t: float) -> Modes:
     """Return at which limits stops are as a run starts: what is nearer than the roundoff of the time is there."""
-    late, u = np.abs(y), system.drive_velocities(q)
-    late[system.moved_state] += _LATE * abs(t) * np.abs(y[system.moved])
-    late[system.carried_state] += _LATE * abs(t) * np.abs(u[system.carried])
-    return at_stops(system, y, q, largest=late)[0]
+    size, late, u = np.abs(y), TIME / _AT_STOP * abs(t), system.drive_velocities(q)
+    size[system.moved_state] += late * np.abs(y[system.moved])
+    size[system.carried_state] += late * np.abs(u[system.carried])
+    return at_stops(system, y, q, largest=size)[0]
 
 
 def jumped(
@@ -215,10 +211,10 @@ def _slowest_flight(
     return float(slowest.max(initial=0.0))
 
 
-def opening(system: System, modes: Modes, q: Array) -> Mask:
-    """Tell which moving rows nothing presses any more where a motion ends and the inputs become `q`."""
+def open_from_here(system: System, modes: Modes, q: Array) -> Mask:
+    """Tell which rows are open, or open as a motion ends and the inputs become `q`."""
     moves = (np.abs(modes) == 1) & system.is_friction & ~system.pressed
-    return np.asarray(moves & (q[: system.m] <= 0))
+    return np.asarray((modes == OPEN) | moves & (q[: system.m] <= 0))
 
 
 def landed(system: System, modes: Modes, jump: Jump, q: Array) -> Mask:

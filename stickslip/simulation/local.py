@@ -78,11 +78,11 @@ class Local:
         """The modes of all rows, 0 for those that carry their level, too."""
         return self._parts.mode
 
-    def arrived(self, t: float, opens: Mask) -> Mask:
-        """Tell which rows, open or opening, have come to rest at time `t`, where the whole scene is to be settled."""
+    def arrived(self, t: float, some: Mask) -> Mask:
+        """Tell which of some rows have come to rest at time `t`, where the whole scene is to be settled."""
         parts, due = self._parts, self._due
         found = np.zeros(parts.mode.size, dtype=bool)
-        rows = ((parts.mode == OPEN) & (parts.label != 0) | opens).nonzero()[0]
+        rows = (some & (parts.label != 0)).nonzero()[0]
         if rows.size:
             w, rate = due.moved(rows, t)[:, :2].T / np.array([[1.0], [parts.unit]])
             speeds = np.array([due.floor(j, t) for j in rows.tolist()]) + np.abs(rate * t)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from stickslip.events.endings import (
     at_stops_at_start,
     jumped,
     landed,
-    opening,
+    open_from_here,
     shown_at_end,
 )
 from stickslip.events.impact import Struck, struck
@@ -227,14 +229,17 @@ class Run:
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
         jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, None)
-        q = self.loads.after(t).at(t)
-        modes = local.modes
-        stops = local.arrived(t, opening(self.system, modes, q)) & ~jump.parted
-        stops |= landed(self.system, modes, jump, q)
+        stops = self._come_to_rest(t, local.modes, jump, partial(local.arrived, t))
         touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
         situation = end._replace(y=jump.y, labels=labels, touching=touching, sides=jump.sides, arrived=stops)
         self._settle_all(situation, before, [], jump)
+
+    def _come_to_rest(self, t: float, modes: Modes, jump: Jump, arrived_of: Callable[[Mask], Mask]) -> Mask:
+        """Tell which open rows come to rest at the end of a motion: by `arrived_of` them, or as velocities jump."""
+        q = self.loads.after(t).at(t)
+        comes = arrived_of(open_from_here(self.system, modes, q)) & ~jump.parted
+        return np.asarray(comes | landed(self.system, modes, jump, q))
 
     def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
@@ -306,11 +311,12 @@ class Run:
             rest = self._wanted.velocity_resolution
             rest = rest if uncertain is None else np.maximum(rest, uncertain)
             at_rest &= ((motion.equations.modes != OPEN) & system.hard) | (np.abs(w) <= rest)
-        q = self.loads.after(t).at(t)
-        modes = motion.equations.modes
-        may_arrive = (modes == OPEN) | opening(system, modes, q)
-        stops = arrived(motion, path, now.labels, may_arrive, uncertain) & ~jump.parted
-        stops |= landed(system, modes, jump, q)
+        stops = self._come_to_rest(
+            t,
+            motion.equations.modes,
+            jump,
+            lambda some: arrived(motion, path, now.labels, some, uncertain),
+        )
         # what an impact parts in the instant in which it comes to rest moves on
         touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y

@@ -261,8 +261,9 @@ def _check_corners(motion: Motion) -> None:
     if dependence is not None:
         sizes = dependence.normal_sizes(np.abs(q), np.abs(motion.y))[: system.m]
         zero = system.pressed & (np.abs(q[: system.m]) <= _AT_CORNER * sizes)
-        # one that stays 0 near by, as that of a gap in the air, has no corner there
-        zero &= motion.input_slopes(0.0, motion.y)[: system.m].any(axis=1)
+        if zero.any():
+            # one that stays 0 near by, as that of a gap in the air, has no corner there
+            zero &= motion.input_slopes(0.0, motion.y)[: system.m].any(axis=1)
         for j in zero.nonzero()[0].tolist():
             raise ValueError(
                 f"linearize: the normal force of contact {system.rows[j].name!r} is just 0, where its friction has a "

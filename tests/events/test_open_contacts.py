@@ -581,6 +581,12 @@ def test_a_loaded_body_that_rings_down_shows_how_it_moves() -> None:
     assert {event.after for event in result.events} == {-1, 1}
 
 
+def run(scene: Scene, stop: float, by_parts: bool) -> Result:
+    """Follow a scene part by part, or as its size asks."""
+    with part_by_part.part_by_part() if by_parts else nullcontext():
+        return simulate(scene, (0.0, stop))
+
+
 HOLDERS = {
     "nothing": (),
     "friction": (Contact("g", "b", GROUND, DryFriction(5.0, 5.0), normal=1.0),),
@@ -602,8 +608,7 @@ def test_a_drive_that_jumps_as_an_open_contact_comes_to_rest(
         Contact("c", "b", "belt", DryFriction(0.5, 0.5), normal=normal),
         *HOLDERS[holder],
     )
-    with part_by_part.part_by_part() if by_parts else nullcontext():
-        result = simulate(scene, (0.0, 2.0))
+    result = run(scene, 2.0, by_parts)
     sample = result.sample([0.5, 1.5])
     assert sample.mode("c").tolist() == [-1, 1] and told(result) == [("c", -1, 1)]
     pulled = -0.25 if holder == "nothing" and normal not in (0.0, -1.0) else 0.0
@@ -618,8 +623,7 @@ def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(by_parts: bool) -> N
         Drive("belt", velocity=step(1.0, 0.5, 1.0)),
         Contact("c", "b", "belt", DryFriction(1.0, 0.5, dwell=1.0), normal=step(2.0, 0.0, 1.0)),
     )
-    with part_by_part.part_by_part() if by_parts else nullcontext():
-        result = simulate(scene, (0.0, 4.0))
+    result = run(scene, 4.0, by_parts)
     assert told(result) == [("c", 1, 0)] and result.events[0].t == 1.0
     assert result.sample([3.0]).breakaway("c")[0] == pytest.approx(1.0 - 0.5 * math.exp(-2.0), abs=1e-13)
 
@@ -642,8 +646,7 @@ def test_a_contact_that_opens_in_the_instant_in_which_it_comes_to_rest(
         ),
         Force("b", step(3.5, 0.0, 0.8)),
     )
-    with part_by_part.part_by_part() if by_parts else nullcontext():
-        result = simulate(scene, (0.0, 5.0))
+    result = run(scene, 5.0, by_parts)
     assert told(result) == [("c", 1, 0)] and result.events[0].t == pytest.approx(stop, abs=1e-12)
     assert np.abs(result.velocity("b")[result.t > stop]).max() < 1e-14
 

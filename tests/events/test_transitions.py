@@ -615,7 +615,7 @@ def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(
 def test_a_drive_that_comes_to_rest_with_a_corner_shakes_nothing_loose() -> None:
     """Before the break of 3.85 s the belt still has a velocity of 1e-16 m/s: roundoff, and no jump.
 
-    The block on the belt, pressed since 3 s, has rested for so long that it holds 4 of 4.1 times its normal force.
+    The block on the belt has rested for so long that it holds 4 times its normal force; after a slip it would be 2.
     """
     corner = 3.8500000000000005
     scene = Scene(

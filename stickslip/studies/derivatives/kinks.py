@@ -89,17 +89,11 @@ def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
     if dependence is None or not dependence.tables or piece.end <= 0:
         return
     x = nearby.looked_up(number, np.linspace(0.1, 0.9, 5))
-
-    def looked_up(own: Motion, taus: Array, states: Array) -> Array:
-        q = own.inputs(taus, states)[: own.system.inputs]
-        assert own.system.dependence is not None
-        return own.system.dependence.looked_up(q, states)
-
     for i, region in enumerate(motion.table_regions or ()):
         for corner in dependence.borders(i, region):
             if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
                 continue
-            slopes = nearby.slopes_along(looked_up, number, varied, np.array([0.5 * piece.end]))[i, 0]
+            slopes = nearby.slopes_along(Motion.looked_up, number, varied, np.array([0.5 * piece.end]))[i, 0]
             for k, _ in _moved(slopes[None], TIE * abs(corner or 1.0) / nearby.sizes):
                 yield k, f"a table stays at its corner {corner:g}"
 

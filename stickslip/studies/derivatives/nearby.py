@@ -51,15 +51,14 @@ class Nearby:
             )
         self.directions = list(directions)
         breaks = len(self.trajectory.loads.breaks)
-        self.near_ones = [
-            () if any(len(loads.breaks) != breaks for _, _, loads in one.near) else one.near
-            for one in directions
-        ]
-        self.count = len(self.directions)
         # directions in which the scenes near by have other breaks
         self.lost_breaks = [
-            k for k, one in enumerate(self.directions) if len(one.near) != len(self.near_ones[k])
+            k
+            for k, one in enumerate(directions)
+            if any(len(loads.breaks) != breaks for _, _, loads in one.near)
         ]
+        self.near_ones = [() if k in self.lost_breaks else one.near for k, one in enumerate(directions)]
+        self.count = len(self.directions)
         self._beside: tuple[Motion | None, dict[int, list[tuple[float, Motion]]]] = None, {}
         # of what changes in each direction
         self.sizes = np.array([one.size for one in self.directions])
@@ -96,12 +95,9 @@ class Nearby:
 
     def looked_up(self, number: int, parts: Array) -> Array:
         """Return what tables are looked up at along a piece, a line each, at parts of its length."""
-        piece, dependence = self.trajectory.pieces[number], self.system.dependence
-        assert dependence is not None
+        piece = self.trajectory.pieces[number]
         taus = parts * piece.end
-        motion = self.trajectory.motion(number)
-        y = motion.exact(taus, piece.kept_path.at(taus).T)
-        return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
+        return self.trajectory.motion(number).looked_up(taus, piece.kept_path.at(taus).T)
 
     def near(self, motion: Motion, k: int) -> list[tuple[float, Motion]]:
         """Return the motions of the scenes near by in direction `k`, in the modes of a motion and from its state."""

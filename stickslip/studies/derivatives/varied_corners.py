@@ -30,9 +30,8 @@ def corner_times(
     tau, y = float(path.taus[-1]), path.last
 
     def beyond(own: Motion, taus: Array, states: Array) -> Array:
-        dependence = own.system.dependence
+        dependence, x = own.system.dependence, own.looked_up(taus, states)
         assert dependence is not None
-        x = dependence.looked_up(own.inputs(taus, states)[: own.system.inputs], states)
         return np.array([x[k] - dependence.borders(k, a)[int(b > a)] for k, a, b in left])
 
     size = np.abs(beyond(motion, path.taus, path.points.T)).max(axis=1)

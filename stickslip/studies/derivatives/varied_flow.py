@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array
+from stickslip.model.crossings import root_between
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 from stickslip.studies.derivatives.radau import STAGES, radau
@@ -157,7 +157,7 @@ def _turns(motion: Motion, path: Steep) -> Array:
         # what is 0 but for roundoff may have another sign when it is asked alone
         turn = begin if abs(w[j, i]) < abs(w[j, i + 1]) else end
         if velocity(begin) * velocity(end) < 0:
-            turn = float(scipy.optimize.brentq(velocity, begin, end, xtol=0.5 * beside))
+            turn = root_between(velocity, begin, end)
         found.append(max(begin, turn - beside))
     return np.unique(found)
 
