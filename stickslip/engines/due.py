@@ -214,7 +214,7 @@ class Due:
         """Return what adds up in the second derivative of the stretch of a gap."""
         parts, forest = self._parts, self._parts.forest
         ends = ((int(forest.child[j]), 0), (int(forest.parent[j]), 1))
-        of_drive = abs(forest.lever[j, 2] * parts.drive_at(int(forest.drive[j]), t)[1])
+        of_drive = abs(forest.lever[j, 2] * parts.prescribed.drive_at(int(forest.drive[j]), t)[1])
         return float(of_drive + sum(abs(forest.lever[j, e]) * parts.pull(i, t) for i, e in ends if i >= 0))
 
     def _sizes(self, rows: Indices) -> tuple[Array, Array]:
@@ -224,7 +224,7 @@ class Due:
         kinds = [
             (forest.child, parts.position, parts.speed),
             (forest.parent, parts.position, parts.speed),
-            (forest.drive, parts.drives.start, parts.drive_size),
+            (forest.drive, parts.prescribed.drives.start, parts.prescribed.drive_size),
         ]
         for column, (ends, position, speed) in enumerate(kinds):
             some = (ends[rows] >= 0).nonzero()[0]
@@ -272,7 +272,7 @@ class Due:
         span = until - t
         c = self.moved(np.array([j]), t)[0]
         c *= (span / parts.unit) ** np.arange(c.size)
-        normal = parts.normals(np.array([j]), t)[0]
+        normal = parts.prescribed.normals(np.array([j]), t)[0]
         normal *= (span / parts.unit) ** np.arange(normal.size)
         for side, sign in ((0, 1), (1, -1)):
             bound = int(self.bounds[side, j])
@@ -335,14 +335,14 @@ class Due:
         parts = self._parts
         forest = parts.forest
         if parts.mode[j] == 0:
-            level = float(self._system.mu_s[0, j]) * parts.normal_at(j, t)
+            level = float(self._system.mu_s[0, j]) * parts.prescribed.normal_at(j, t)
             return level or parts.push(int(forest.child[j]), t)
         child, parent, drive = np.abs(forest.lever[j]).tolist()
         total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
             total += parent * float(parts.speed[forest.parent[j]])
         if forest.drive[j] >= 0:
-            total += drive * float(parts.drive_size[forest.drive[j]])
+            total += drive * float(parts.prescribed.drive_size[forest.drive[j]])
         return total
 
     def opens_up(self, rows: Indices, t: float) -> tuple[Indices, Indices]:

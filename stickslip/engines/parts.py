@@ -8,7 +8,6 @@ all others go on.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,18 +15,15 @@ import numpy as np
 import scipy
 
 from stickslip.engines.elastic import Elastic
+from stickslip.engines.groups import UNLED, Groups
 from stickslip.engines.knots import Knot, Knots, friction_on
-from stickslip.engines.swings import Lines, Swings
+from stickslip.engines.prescribed import Prescribed
 from stickslip.engines.work import Work
-from stickslip.equations.drives import Drives
 from stickslip.equations.forest import Forest, spans
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
-
-UNLED = -2
-"""What leads a group: nothing; else it is -1, the ground, or the number of a drive."""
 
 _MANY = 120
 """Bodies in a patch from which its matrices are sparse."""
@@ -89,167 +85,60 @@ class Parts:
     def __init__(self, forest: Forest, knots: Knots, motion: Motion, labels: Modes, work: Work) -> None:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
-        self.t0, self.stop = motion.t, motion.stretch.stop
-        self.is_coupled = forest.is_coupled
-        self.inertia = system.inertia
         equations = motion.equations
-        self.knots, self._acts = knots.at(equations), system.Q
-        if self.knots:
+        self.inertia, self.mu = system.inertia, system.mu_c
+        self._knots, acts = knots.at(equations), system.Q
+        if self._knots:
             # there friction is among what inputs do
-            self._acts = self._acts + friction_on(equations, knots.rows)
-        self._swing(motion)
-        self.unit = forest.unit if self.has_series else self.stop - self.t0
+            acts = acts + friction_on(equations, knots.rows)
+        self.prescribed = prescribed = Prescribed(forest, motion, acts)
+        self.stop, self.unit, self.has_series = prescribed.stop, prescribed.unit, prescribed.has_series
         count = forest.order + 1
         self._ascending = np.arange(1.0, count + 2)
         self._inverse = 1.0 / self._ascending
         self._factorial = np.cumprod(np.append(1.0, self._ascending))
-        q, slope = motion.stretch.taylor(motion.t, 1, waves=False)
-        self.normal = np.stack([np.maximum(q[:m], 0.0), slope[:m]], axis=1)
-        self.normals = Lines(self.normal, motion.t, self._of_rows, self.unit, count)
-        start = np.zeros(system.drives)
-        start[system.carried] = motion.y[system.carried_state]
-        u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
-        self.drives = Drives(start, u, motion.t, self._of_drives.sines)
-        self.drive_velocities = Lines(u, motion.t, self._of_drives, self.unit, count)
-        self.drive_size = np.abs(u[:, 0]) + self._of_drives.sizes
         self.elastic = Elastic(forest, system.piecewise, equations.regions)
-        self._push(motion, q, slope)
+        self._given = prescribed.force.copy()
+        self._given[:, 0] += self.elastic.constant
+        # bodies at gaps to drives
+        self._led = np.zeros(n, dtype=bool)
+        self._led[forest.child[forest.gaps[forest.drive[forest.gaps] >= 0]]] = True
+        self._any_led = bool(self._led.any())
         self.mode, self.label, self.since = equations.modes.copy(), labels.copy(), motion.since.copy()
         self.top = np.where((self.mode == AT_HIGH) | (self.mode == AT_LOW), self.mode, 0)
         self.any_top = bool(self.top.any())
         self.mode[self.top != 0] = 0
+        self.groups = Groups(forest, self._knots, ((self.mode == 0) & forest.in_tree).nonzero()[0])
         self.started = np.zeros(m, dtype=bool)
-        self.mu = system.mu_c
-        self.force = self._given.copy()
-        self.place = np.full(n, -1)
+        self._place = np.full(n, -1)
         self.velocity, self.watched = np.zeros((n, count)), np.zeros((m, count))
         self.position, self.origin = np.zeros(n), np.full(n, motion.t)
         self.velocity[:, 0] = motion.y[:n]
         self.position[system.moved] = motion.y[system.moved_state]
+        self.speed = np.abs(motion.y[:n])
         self.row_origin = np.full(m, motion.t)
-        self.end = self.stop
-        self.ended = motion.t
+        self.end, self.ended = self.stop, motion.t
         self.opens = bool((self.mode == OPEN).any())
         # rows in no tree that move or carry no force
         self._is_loose = ~forest.in_tree & ((np.abs(self.mode) == 1) | (self.mode == OPEN))
         self.moves_aside = bool(self._is_loose.any())
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
         self._any_dwells = bool(self.dwells.any())
-        self.speed = np.abs(motion.y[:n])
-        self._group()
+        self._force = self._given.copy()
         self.rub(np.arange(n))
-
-    def _push(self, motion: Motion, q: Array, slope: Array) -> None:
-        """Enter forces from loads and drives on the bodies, in powers of the time since the start; sines apart."""
-        system = motion.system
-        given = np.zeros((system.n, 3))
-        given[:, 0], given[:, 1] = self._acts @ q[: system.inputs], self._acts @ slope[: system.inputs]
-        if system.carried.size:
-            pulls = system.C[:, system.carried_state]
-            given[:, 0] += pulls @ motion.y[system.carried_state]
-            given[:, 1] += pulls @ self.drives.velocity[system.carried, 0]
-            given[:, 2] += pulls @ (0.5 * self.drives.velocity[system.carried, 1])
-        self._loads, self._given = given, given.copy()
-        self._given[:, 0] += self.elastic.constant
-        # bodies at gaps to drives
-        forest, self._led = self.forest, np.zeros(system.n, dtype=bool)
-        self._led[forest.child[forest.gaps[forest.drive[forest.gaps] >= 0]]] = True
-        self._any_led = bool(self._led.any())
-
-    def _swing(self, motion: Motion) -> None:
-        """Find the sines among normal forces, velocities of drives, and forces on bodies."""
-        system, sines, forest = motion.system, motion.stretch.sines, self.forest
-        self._of_rows = Swings.among(sines, sines.entry, system.m)
-        drive = sines.entry - system.first_drive
-        self._of_drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
-        self._has_sines = bool(sines.entry.size)
-        self._of_bodies = self._of_springs = Swings.none(system.n)
-        if self._has_sines:
-            self._of_bodies = Swings.of(sines, self._acts[:, sines.entry])
-        pulling = np.isin(drive, system.carried).nonzero()[0]
-        if pulling.size:
-            # springs to drives that swing
-            places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
-            self._of_springs = Swings.of(sines.some(pulling), system.C[:, places], motion.t)
-        self.has_series = self.is_coupled or self._has_sines
-        # bodies that sines reach at once: by a force, or by what a row of theirs watches
-        self.swings = self._of_bodies.moves | self._of_springs.moves
-        rows = (
-            self._of_rows.moves | (forest.drive >= 0) & np.append(self._of_drives.moves, False)[forest.drive]
-        )
-        ends = np.concatenate([forest.child[rows], forest.parent[rows]])
-        self.swings[ends[ends >= 0]] = True
-        # by what leads a body: drives, then nothing, then the ground
-        self._bends_with = np.concatenate([self._of_drives.moves, [True, False]])
 
     @property
     def is_bent(self) -> Mask:
         """Which bodies follow no polynomial: neither the ground leads them nor a drive without sines."""
-        return np.asarray(self._bends_with[self.lead] if self._of_drives.any else self.lead == UNLED)
+        lead, prescribed = self.groups.lead, self.prescribed
+        return np.asarray(prescribed.bends_with[lead] if prescribed.drives_swing else lead == UNLED)
 
     def bends(self, bodies: Indices) -> bool:
         """Tell whether the series of some bodies hold for a while only."""
         if not self.has_series:
             return False
-        return bool(self._bends_with[self.lead[bodies]].any() or self.swings[bodies].any())
-
-    # -- groups ----------------------------------------------------------------------------------------------
-
-    def _group(self) -> None:
-        """Form the groups of bodies that held rows join; a body alone is the group of its own number."""
-        forest, n = self.forest, self.forest.n
-        held = ((self.mode == 0) & forest.in_tree).nonzero()[0]
-        inner = held[forest.parent[held] >= 0]
-        self.group = np.arange(n)
-        self.members: dict[int, Indices] = {}
-        self.inside: dict[int, Indices] = {}
-        self.lead = np.full(n, UNLED)
-        self.groups = n
-        if inner.size:
-            graph = scipy.sparse.coo_array(
-                (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
-            )
-            label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-            order = np.argsort(label[forest.body_at], kind="stable")
-            bodies = forest.body_at[order]
-            cuts = np.flatnonzero(np.diff(label[bodies])) + 1
-            rows = held[np.argsort(label[forest.child[held]], kind="stable")]
-            row_label = label[forest.child[rows]]
-            for own in np.split(bodies, cuts):
-                if own.size > 1:
-                    low, high = np.searchsorted(row_label, [label[own[0]], label[own[0]] + 1])
-                    self.join(own, rows[low:high], UNLED)
-        led = held[forest.parent[held] < 0]
-        for j, i in zip(led.tolist(), forest.child[led].tolist(), strict=True):
-            self.lead[self.bodies_of(int(self.group[i]))] = forest.drive[j]
-            if self.group[i] == i:
-                self.inside[i] = np.array([j])
-        for knot in self.knots:
-            # nothing leads it as a whole
-            self.join(knot.bodies, held[:0], UNLED)
-
-    def bodies_of(self, g: int) -> Indices:
-        """Return the bodies of a group in order of their places."""
-        return self.members[g] if g >= self.forest.n else np.array([g])
-
-    def join(self, bodies: Indices, rows: Indices, lead: int) -> int:
-        """Make bodies one group, held together by rows; return its number."""
-        if bodies.size == 1:
-            g = int(bodies[0])
-        else:
-            g = self.groups
-            self.groups += 1
-            self.members[g] = bodies
-        self.group[bodies] = g
-        if rows.size:
-            self.inside[g] = rows
-        self.lead[bodies] = lead
-        return g
-
-    def part(self, g: int) -> None:
-        """Forget a group."""
-        self.members.pop(g, None)
-        self.inside.pop(g, None)
+        prescribed = self.prescribed
+        return bool(prescribed.bends_with[self.groups.lead[bodies]].any() or prescribed.swings[bodies].any())
 
     def rub(self, bodies: Indices) -> None:
         """Enter the friction of moving rows among the forces on some bodies."""
@@ -258,17 +147,19 @@ class Parts:
             i = int(bodies[0])
             j = int(forest.row_of[i])
             mode = int(self.mode[j]) if j >= 0 else 0
-            self.force[i] = self._given[i]
+            self._force[i] = self._given[i]
             if abs(mode) == 1:
-                self.force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.normal[j]
+                self._force[i, :2] -= (
+                    forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.prescribed.normal[j]
+                )
             return
         force, rows = self._given[bodies], distinct(self.rows_at(bodies))
-        self._rub(force, bodies, rows, self.normal[rows])
-        self.force[bodies] = force
+        self._rub(force, bodies, rows, self.prescribed.normal[rows])
+        self._force[bodies] = force
 
     def _rub(self, force: Array, bodies: Indices, rows: Indices, normals: Array) -> None:
         """Add the friction of the moving ones among some rows to forces on bodies, a line each."""
-        forest, place = self.forest, self.place
+        forest, place = self.forest, self._place
         moving = np.abs(self.mode[rows]) == 1
         rows, mode = rows[moving], self.mode[rows[moving]]
         if not rows.size:
@@ -292,9 +183,9 @@ class Parts:
         gaps = elastic.number[rows]
         bodies = elastic.enter(gaps, elastic.beyond(gaps, places))
         self.label[rows] = elastic.labels(gaps)
-        self._given[bodies, 0] = self._loads[bodies, 0] + elastic.constant[bodies]
+        self._given[bodies, 0] = self.prescribed.force[bodies, 0] + elastic.constant[bodies]
         self.rub(bodies)
-        return np.unique(self.group[bodies])
+        return np.unique(self.groups.of[bodies])
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -307,34 +198,33 @@ class Parts:
 
     def forces_at(self, bodies: Indices, t: float) -> Array:
         """Return the series of loads and friction on some bodies from time `t` on: three terms, more with sines."""
-        d, unit = t - self.t0, self.unit
+        prescribed, unit = self.prescribed, self.unit
+        d = t - prescribed.start
         moved = np.array([[1.0, 0.0, 0.0], [d, unit, 0.0], [d * d, 2 * d * unit, unit * unit]])
-        straight = np.asarray(self.force[bodies] @ moved)
+        straight = np.asarray(self._force[bodies] @ moved)
         if self._any_led and self._led[bodies].any():
             straight = self._with_led_gaps(straight, bodies, t)
-        if not (self._has_sines and self.swings[bodies].any()):
+        if not (prescribed.has_waves and prescribed.swings[bodies].any()):
             return straight
-        found = self._of_bodies.series(bodies, t, self.velocity.shape[1], unit)
-        if self._of_springs.any:
-            found += self._of_springs.series(bodies, t, found.shape[1], unit)
+        found = prescribed.waves(bodies, t)
         found[:, : straight.shape[1]] += straight
-        if self._of_rows.any:
+        if prescribed.rows.any:
             rows = distinct(self.rows_at(bodies))
-            rows = rows[self._of_rows.moves[rows]]
-            self._rub(found, bodies, rows, self._of_rows.series(rows, t, found.shape[1], unit))
+            rows = rows[prescribed.rows.moves[rows]]
+            self._rub(found, bodies, rows, prescribed.rows.series(rows, t, found.shape[1], unit))
         return found
 
     def _with_led_gaps(self, force: Array, bodies: Indices, t: float) -> Array:
         """Return series of forces on bodies with what gaps to drives do as these move."""
-        forest = self.forest
+        forest, prescribed = self.forest, self.prescribed
         counts = forest.gaps_from[bodies + 1] - forest.gaps_from[bodies]
         rows = forest.gaps_at[spans(forest.gaps_from, bodies)]
         own = np.repeat(np.arange(bodies.size), counts)
         some = (forest.drive[rows] >= 0).nonzero()[0]
         rows, own = rows[some], own[some]
         stretch, rate, _ = self.elastic.values(self.elastic.number[rows]).T
-        push = stretch[:, None] * self._drive_positions(forest.drive[rows], t)
-        u = self.drive_velocities(forest.drive[rows], t)
+        push = stretch[:, None] * prescribed.drive_positions(forest.drive[rows], t)
+        u = prescribed.drive_velocities(forest.drive[rows], t)
         push[:, : u.shape[1]] += rate[:, None] * u
         push *= -(forest.lever[rows, 0] * forest.lever[rows, 2])[:, None]
         found = np.zeros((bodies.size, max(push.shape[1], force.shape[1])))
@@ -342,40 +232,18 @@ class Parts:
         np.add.at(found[:, : push.shape[1]], own, push)
         return found
 
-    def _drive_positions(self, drives: Indices, t: float) -> Array:
-        """Return the positions of drives as series about `t`."""
-        terms = self.velocity.shape[1] if self._of_drives.any else 3
-        found = self.drives.moved(drives, t, self.unit, terms - 1)
-        found[:, 0] = self.drives.positions(drives, np.array([t]))[:, 0]
-        return found
-
-    def normal_at(self, j: int, t: float) -> float:
-        """Return one normal force without its sines at time `t`: its size."""
-        return float(self.normal[j, 0] + (t - self.t0) * self.normal[j, 1])
-
-    def drive_at(self, k: int, t: float) -> tuple[float, float]:
-        """Return velocity and acceleration of a drive at time `t`; those of the ground, which is -1, are 0."""
-        if k < 0:
-            return 0.0, 0.0
-        start, slope = self.drives.velocity[k].tolist()
-        v, a = (
-            self._of_drives.series(np.array([k]), t, 2, 1.0)[0].tolist()
-            if self._of_drives.any
-            else (0.0, 0.0)
-        )
-        return start + (t - self.t0) * slope + v, slope + a
-
     def pull(self, i: int, t: float) -> float:
         """Return what adds up in the acceleration of a body at time `t`: its roundoff is a part of it."""
-        lead = int(self.lead[i])
+        groups = self.groups
+        lead = int(groups.lead[i])
         if lead != UNLED:
-            return 0.0 if lead < 0 else float(np.abs(self.drives.velocity[lead, 1]) + self.drive_size[lead])
-        inertia = self.inertia[self.bodies_of(int(self.group[i]))]
+            return 0.0 if lead < 0 else self.prescribed.size_of_drive(lead)
+        inertia = self.inertia[groups.bodies(int(groups.of[i]))]
         return self.push(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
 
     def push(self, i: int, t: float) -> float:
         """Return what adds up in the forces on a body, and on all that move with it, at time `t`."""
-        forest, bodies = self.forest, self.bodies_of(int(self.group[i]))
+        forest, bodies = self.forest, self.groups.bodies(int(self.groups.of[i]))
         places, own = spans(forest.near_from, bodies), self.forces_at(bodies, t)[:, 0]
         v, x = np.abs(self.at(forest.near[places], t))
         total = np.abs(self._given[bodies, 0]).sum() + np.abs(own).sum()
@@ -391,7 +259,7 @@ class Parts:
             # what static coefficients lack until their dwell is over
             dwell = np.where(some, self.system.dwell[rows], 1.0)
             static -= self.system.rise[:, rows] * np.exp(-(t - self.since[rows]) / dwell)
-        return np.asarray(static[:, :, None] * self.normals(rows, t))
+        return np.asarray(static[:, :, None] * self.prescribed.normals(rows, t))
 
     def state(self, t: float) -> Array:
         """Return the state of the whole scene at time `t`."""
@@ -401,37 +269,14 @@ class Parts:
         y[: system.n] = v
         y[system.moved_state] = x[system.moved]
         if system.carried.size:
-            y[system.carried_state] = self.drives.positions(system.carried, np.array([t]))[:, 0]
+            y[system.carried_state] = self.prescribed.drives.positions(system.carried, np.array([t]))[:, 0]
         return y
 
     # -- patches ---------------------------------------------------------------------------------------------
 
     def reach(self, groups: list[int]) -> Indices:
         """Return the bodies of some groups, first, and of all others that these reach."""
-        if not self.is_coupled:
-            return np.concatenate([self.bodies_of(g) for g in groups])
-        near, group, lead = self.elastic.neighbours, self.group, self.lead
-        seen = dict.fromkeys(groups)
-        edge = groups
-        for depth in range(self.forest.hops):
-            following: list[int] = []
-            for g in edge:
-                own = [g] if g < self.forest.n else self.members[g].tolist()
-                if depth and lead[own[0]] != UNLED:
-                    # what ground or drives lead hands nothing on
-                    continue
-                for i in own:
-                    for k in near[i]:
-                        other = int(group[k])
-                        if other not in seen:
-                            seen[other] = None
-                            following.append(other)
-            edge = following
-            if not edge:
-                break
-        if max(seen) < self.forest.n:
-            return np.array(list(seen))
-        return np.concatenate([self.bodies_of(g) for g in seen])
+        return self.groups.reach(groups, self.elastic.neighbours)
 
     def patch(self, bodies: Indices, t: float) -> Patch:
         """Return what decides how some bodies go on at time `t`."""
@@ -440,7 +285,7 @@ class Parts:
         if not self.has_series:
             nothing = np.empty(0, dtype=np.intp)
             return Patch(t, bodies, v, x, np.zeros(k), None, np.zeros((k, 0)), nothing, nothing)
-        forest, place = self.forest, self.place
+        forest, place = self.forest, self._place
         places = spans(forest.near_from, bodies)
         counts = forest.near_from[bodies + 1] - forest.near_from[bodies]
         rows = row = np.repeat(np.arange(k), counts)
@@ -474,9 +319,9 @@ class Parts:
         Returns all rows of these bodies, and those of them that are held.
         """
         forest, bodies, t, unit = self.forest, patch.bodies, patch.t, self.unit
-        groups, first, own = self._groups_of(bodies)
-        knots = self._knots_of(bodies) if self.knots else []
-        lead, inertia = self.lead[bodies[first]], self.inertia[bodies]
+        groups, first, own = self.groups.among(bodies)
+        knots = self._knots_of(bodies) if self._knots else []
+        lead, inertia = self.groups.lead[bodies[first]], self.inertia[bodies]
         push = self.forces_at(bodies, t)
         series = np.zeros((first.size, self.velocity.shape[1]))
         series[:, 0] = v[first]
@@ -486,9 +331,9 @@ class Parts:
             share[led] = series[led, 0] = 0.0
             driven = led[lead[led] >= 0]
             if driven.size:
-                u = self.drive_velocities(lead[driven], t)
+                u = self.prescribed.drive_velocities(lead[driven], t)
                 series[driven, : u.shape[1]] = u
-        u = self._drive_series(t) if knots else np.empty((0, 0))
+        u = self.prescribed.drive_series(t) if knots else np.empty((0, 0))
         for knot, at in knots:
             series[at if own is None else own[at], 1:] = knot.led @ u[:, 1:]
         if self.has_series:
@@ -529,21 +374,11 @@ class Parts:
             rows = np.concatenate([rows, gaps])
         return rows, held
 
-    def _groups_of(self, bodies: Indices) -> tuple[Indices, Indices, Indices | None]:
-        """Return the groups of some bodies, the place of one body of each, and the group of each if they are fewer."""
-        groups = self.group[bodies]
-        if self.knots:
-            groups = np.where(self.forest.knot_of[bodies] >= 0, bodies, groups)
-        if (groups == bodies).all():
-            return groups, np.arange(bodies.size), None
-        found, first, own = np.unique(groups, return_index=True, return_inverse=True)
-        return found, first, own
-
     def _knots_of(self, bodies: Indices) -> list[tuple[Knot, Indices]]:
         """Return the knots among some bodies, and where their bodies stand."""
-        place, number = self.place, self.forest.knot_of[bodies]
+        place, number = self._place, self.forest.knot_of[bodies]
         place[bodies] = np.arange(bodies.size)
-        found = [self.knots[k] for k in np.unique(number[number >= 0]).tolist()]
+        found = [self._knots[k] for k in np.unique(number[number >= 0]).tolist()]
         both = [(knot, place[knot.bodies]) for knot in found]
         place[bodies] = -1
         return both
@@ -566,7 +401,7 @@ class Parts:
         # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
         factorial = self._factorial[: order + 1, None]
         given = fixed[:, :order].T * factorial[:-1]
-        if not self._of_drives.any:
+        if not self.prescribed.drives_swing:
             given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
         # what drives lead follows them
         factor, led = unit * share, series[:, 1 : 1 + len(given)].T * factorial[1 : 1 + len(given)]
@@ -614,18 +449,18 @@ class Parts:
         """Enter what the rows of a patch watch: forces of held rows, relative velocities of all others."""
         forest, t, bodies = self.forest, patch.t, patch.bodies
         rows = distinct(self.rows_at(bodies))
-        place = self.place
+        place = self._place
         place[bodies] = np.arange(bodies.size)
         is_held = self.mode[rows] == 0
         held, loose = rows[is_held], rows[~is_held]
         self.watched[rows] = 0.0
         if held.size:
             child = forest.child[held]
-            alone = self.group[child] < forest.n
+            alone = self.groups.of[child] < forest.n
             single = held[alone]
             self.watched[single, : rest.shape[1]] = forest.sign[single, None] * rest[place[child[alone]]]
             for g in groups[groups >= forest.n].tolist():
-                members, inside = self.members[g], self.inside[g]
+                members, inside = self.groups.bodies(g), self.groups.inside[g]
                 sums = np.zeros((members.size + 1, rest.shape[1]))
                 np.cumsum(rest[place[members]], axis=0, out=sums[1:])
                 at = forest.first[members]
@@ -648,15 +483,8 @@ class Parts:
             found[has] += forest.lever[rows[has], 1, None] * self._about(forest.parent[rows[has]], t)
         on = (forest.drive[rows] >= 0).nonzero()[0]
         if on.size:
-            u = self.drive_velocities(forest.drive[rows[on]], t)
+            u = self.prescribed.drive_velocities(forest.drive[rows[on]], t)
             found[on, : u.shape[1]] += forest.lever[rows[on], 2, None] * u
-        return found
-
-    def _drive_series(self, t: float) -> Array:
-        """Return the velocities of all drives as series about `t`, as long as those of bodies."""
-        u = self.drive_velocities(np.arange(self.system.drives), t)
-        found = np.zeros((u.shape[0], self.velocity.shape[1]))
-        found[:, : u.shape[1]] = u
         return found
 
     def _loose_at(self, bodies: Indices) -> Indices:
@@ -684,7 +512,7 @@ class Parts:
             )
         some = (forest.drive[gaps] >= 0).nonzero()[0]
         if some.size:
-            x = self._drive_positions(forest.drive[gaps[some]], t)
+            x = self.prescribed.drive_positions(forest.drive[gaps[some]], t)
             found[some, : x.shape[1]] += forest.lever[gaps[some], 2, None] * x
         return found
 
@@ -695,12 +523,12 @@ class Parts:
         forest, bodies = self.forest, patch.bodies
         live = self.is_bent
         live[bodies[patch.row[live[patch.near]]]] = True
-        if self._has_sines:
-            live |= self.swings
+        if self.prescribed.has_waves:
+            live |= self.prescribed.swings
         if forest.row_of is None:
-            groups = np.unique(self.group[bodies[live[bodies]]])
+            groups = np.unique(self.groups.of[bodies[live[bodies]]])
             for g in groups[groups >= forest.n].tolist():
-                live[self.members[g]] = True
+                live[self.groups.bodies(g)] = True
         elif not (self.elastic.count or self.moves_aside):
             return np.asarray(live[forest.child[rows]])
         parent = forest.parent[rows]

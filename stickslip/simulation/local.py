@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
+from stickslip.engines.groups import UNLED
 from stickslip.engines.knots import Knots
-from stickslip.engines.parts import UNLED, Parts, Patch, distinct
+from stickslip.engines.parts import Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
@@ -170,9 +171,7 @@ class Local:
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
         live[row[live[forest.near]]] = True
         live[forest.child[self._due.is_bounded]] = True
-        flagged = np.zeros(parts.groups, dtype=bool)
-        flagged[parts.group[live]] = True
-        bodies = flagged[parts.group].nonzero()[0]
+        bodies = parts.groups.sharing(live)
         parts.end = parts.stop
         self._bad = _NONE
         if bodies.size:
@@ -211,8 +210,8 @@ class Local:
             return self._turn_over(j, t)
         if not forest.in_tree[j]:
             return False
-        groups = [int(parts.group[forest.child[j]])]
-        if forest.parent[j] >= 0 and (other := int(parts.group[forest.parent[j]])) != groups[0]:
+        groups = [int(parts.groups.of[forest.child[j]])]
+        if forest.parent[j] >= 0 and (other := int(parts.groups.of[forest.parent[j]])) != groups[0]:
             groups.append(other)
         reached = parts.reach(groups)
         patch = parts.patch(reached, t)
@@ -276,15 +275,15 @@ class Local:
         """Return the groups at both ends of a row as one tree, and where its bodies stand in the patch."""
         parts, forest, t = self._parts, self._forest, patch.t
         # what is reached begins with the groups themselves
-        where = np.arange(sum(parts.bodies_of(g).size for g in groups))
+        where = np.arange(sum(parts.groups.bodies(g).size for g in groups))
         if len(groups) > 1:
             where = np.argsort(forest.first[patch.bodies[where]])
         bodies = patch.bodies[where]
-        inside = [parts.inside[g] for g in groups if g in parts.inside]
+        inside = [parts.groups.inside[g] for g in groups if g in parts.groups.inside]
         rows = np.concatenate(inside) if inside else _NONE
         rows = np.concatenate([[j], rows[rows != j]])
         force = patch.coupling[where] + parts.forces_at(bodies, t)[:, 0]
-        normal = parts.normals(rows, t)[:, 0]
+        normal = parts.prescribed.normals(rows, t)[:, 0]
         forward, backward = parts.mu[:, rows] * normal
         if before:
             friction = forest.sign[j] * before * (forward[0] if before > 0 else backward[0])
@@ -295,7 +294,7 @@ class Local:
         lead = None
         if led.size:
             k = int(forest.drive[led[0]])
-            lead = parts.drive_at(k, t)[1]
+            lead = parts.prescribed.drive_at(k, t)[1]
         to_forward, to_backward = parts.levels(rows, t)[:, :, 0]
         tree = Tree(
             bodies, parts.inertia[bodies], force, rows, to_forward, to_backward, forward, backward, lead
@@ -323,7 +322,7 @@ class Local:
             held = rows[(mode == 0) & (forest.parent[rows] < 0)]
             if tree.lead is not None and not held.size:
                 k = int(forest.drive[rows[forest.parent[rows] < 0][0]])
-                v[where] = parts.drive_at(k, t)[0]
+                v[where] = parts.prescribed.drive_at(k, t)[0]
         self._regroup(tree, outcome, groups)
         old = parts.mode[rows]
         changed = (mode != old).nonzero()[0]
@@ -357,10 +356,12 @@ class Local:
         parts, forest = self._parts, self._forest
         rows, mode, label = tree.rows, outcome.mode, outcome.label
         for g in groups:
-            parts.part(g)
+            parts.groups.part(g)
         if tree.bodies.size == 1:
             led = mode[0] == 0
-            parts.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED)
+            parts.groups.join(
+                tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED
+            )
             return
         place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
         for one in np.unique(label).tolist():
@@ -368,13 +369,13 @@ class Local:
             own = rows[(mode == 0) & (label[place] == one)]
             led = own[forest.parent[own] < 0]
             lead = int(forest.drive[led[0]]) if led.size else UNLED
-            parts.join(bodies, own, lead)
+            parts.groups.join(bodies, own, lead)
 
     # -- results ---------------------------------------------------------------------------------------------
 
     def _begin(self, t: float) -> None:
         parts = self._parts
-        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.drives)
+        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.prescribed.drives)
         self._most_held = self._held
         self._last = t
         self._patches.tick(t, False)
@@ -399,7 +400,7 @@ class Local:
 
     def _enter_bodies(self, bodies: Indices) -> None:
         parts = self._parts
-        lead = parts.lead[bodies].astype(float)
+        lead = parts.groups.lead[bodies].astype(float)
         self._patches.bodies(
             bodies, parts.origin[bodies], parts.position[bodies], parts.velocity[bodies], lead
         )

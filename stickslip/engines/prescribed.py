@@ -1,0 +1,129 @@
+"""What loads and drives do to a scene that is followed part by part: straight in time, but for sines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stickslip.engines.swings import Lines, Swings
+from stickslip.equations.drives import Drives
+from stickslip.equations.forest import Forest
+from stickslip.equations.motion import Motion
+from stickslip.model.arrays import Array, Indices
+
+
+class Prescribed:
+    """Normal forces, drives, and forces on bodies between two breaks of the loads.
+
+    The inputs of the motion must be straight but for sines; `acts` are the forces on bodies from inputs.
+
+    Attributes
+    ----------
+    start, stop : float
+        The time span.
+    has_series : bool
+        Whether springs, dampers or sines move bodies: else all is a polynomial.
+    unit : float
+        Series are in powers of the time over it.
+    has_waves : bool
+        Whether there are sines.
+    swings : array (n,) of bool
+        Bodies that sines reach at once: by a force, or by what a row of theirs watches.
+    normal : array (m, 2)
+        Normal forces at the start and their slopes, without sines.
+    force : array (n, 3)
+        Forces on bodies in powers of the time since the start, without sines.
+    drive_size : array (d,)
+        What adds up in the velocities of drives.
+    """
+
+    def __init__(self, forest: Forest, motion: Motion, acts: Any) -> None:
+        system = motion.system
+        self.start, self.stop = motion.t, motion.stretch.stop
+        self._find_swings(forest, motion, acts)
+        self.has_series = forest.is_coupled or self.has_waves
+        self.unit = forest.unit if self.has_series else self.stop - self.start
+        self._terms = forest.order + 1
+        q, slope = motion.stretch.taylor(motion.t, 1, waves=False)
+        self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
+        self.normals = Lines(self.normal, motion.t, self.rows, self.unit, self._terms)
+        start = np.zeros(system.drives)
+        start[system.carried] = motion.y[system.carried_state]
+        u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
+        self.drives = Drives(start, u, motion.t, self._drives.sines)
+        self.drive_velocities = Lines(u, motion.t, self._drives, self.unit, self._terms)
+        self.drive_size = np.abs(u[:, 0]) + self._drives.sizes
+        self.force = np.zeros((system.n, 3))
+        self.force[:, 0], self.force[:, 1] = acts @ q[: system.inputs], acts @ slope[: system.inputs]
+        if system.carried.size:
+            # springs to drives
+            pulls = system.C[:, system.carried_state]
+            self.force[:, 0] += pulls @ motion.y[system.carried_state]
+            self.force[:, 1] += pulls @ u[system.carried, 0]
+            self.force[:, 2] += pulls @ (0.5 * u[system.carried, 1])
+
+    def _find_swings(self, forest: Forest, motion: Motion, acts: Any) -> None:
+        """Find the sines among normal forces, velocities of drives, and forces on bodies."""
+        system, sines = motion.system, motion.stretch.sines
+        self.rows = Swings.among(sines, sines.entry, system.m)
+        drive = sines.entry - system.first_drive
+        self._drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
+        self.has_waves = bool(sines.entry.size)
+        self._bodies = self._springs = Swings.none(system.n)
+        if self.has_waves:
+            self._bodies = Swings.of(sines, acts[:, sines.entry])
+        pulling = np.isin(drive, system.carried).nonzero()[0]
+        if pulling.size:
+            # springs to drives that swing
+            places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
+            self._springs = Swings.of(sines.some(pulling), system.C[:, places], motion.t)
+        self.swings = self._bodies.moves | self._springs.moves
+        rows = self.rows.moves | (forest.drive >= 0) & np.append(self._drives.moves, False)[forest.drive]
+        ends = np.concatenate([forest.child[rows], forest.parent[rows]])
+        self.swings[ends[ends >= 0]] = True
+        # by what leads a body: drives, then nothing, then the ground
+        self.bends_with = np.concatenate([self._drives.moves, [True, False]])
+
+    def waves(self, bodies: Indices, t: float) -> Array:
+        """Return what sines push some bodies with, as series about `t`."""
+        found = self._bodies.series(bodies, t, self._terms, self.unit)
+        if self._springs.any:
+            found += self._springs.series(bodies, t, self._terms, self.unit)
+        return found
+
+    def normal_at(self, j: int, t: float) -> float:
+        """Return one normal force without its sines at time `t`: its size."""
+        return float(self.normal[j, 0] + (t - self.start) * self.normal[j, 1])
+
+    @property
+    def drives_swing(self) -> bool:
+        """Whether the velocity of a drive has sines."""
+        return self._drives.any
+
+    def drive_at(self, k: int, t: float) -> tuple[float, float]:
+        """Return velocity and acceleration of a drive at time `t`; those of the ground, which is -1, are 0."""
+        if k < 0:
+            return 0.0, 0.0
+        start, slope = self.drives.velocity[k].tolist()
+        v, a = self._drives.series(np.array([k]), t, 2, 1.0)[0].tolist() if self._drives.any else (0.0, 0.0)
+        return start + (t - self.start) * slope + v, slope + a
+
+    def drive_series(self, t: float) -> Array:
+        """Return the velocities of all drives as series about `t`, as long as those of bodies."""
+        u = self.drive_velocities(np.arange(self.drive_size.size), t)
+        found = np.zeros((u.shape[0], self._terms))
+        found[:, : u.shape[1]] = u
+        return found
+
+    def drive_positions(self, drives: Indices, t: float) -> Array:
+        """Return the positions of drives as series about `t`."""
+        terms = self._terms if self._drives.any else 3
+        found = self.drives.moved(drives, t, self.unit, terms - 1)
+        found[:, 0] = self.drives.positions(drives, np.array([t]))[:, 0]
+        return found
+
+    def size_of_drive(self, k: int) -> float:
+        """Return what adds up in the acceleration of a drive."""
+        return float(np.abs(self.drives.velocity[k, 1]) + self.drive_size[k])
