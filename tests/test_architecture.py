@@ -103,8 +103,8 @@ def test_every_room_says_what_it_is() -> None:
 
 
 def test_one_module_imports_sundials_for_the_engines() -> None:
-    assert importers("sksundae") == {"stickslip.engines.sundials"}
-    users = {m for m in MODULES if "stickslip.engines.sundials" in imports(m)}
+    assert importers("sksundae") == {"stickslip.engines.solvers.sundials"}
+    users = {m for m in MODULES if "stickslip.engines.solvers.sundials" in imports(m)}
     assert {room(m) for m in users} == {"engines"}
 
 

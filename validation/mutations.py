@@ -84,7 +84,7 @@ breaks("margin-alone", "inside the margin is at rest", "stickslip.events.rest:_a
 breaks(
     "never-released", "overloaded contacts are held all the same", "stickslip.events.search:Search._improved"
 )(_returning(None))
-breaks("looks-off-steps", "no look between computed points", "stickslip.engines.follow:first_dip")(
+breaks("looks-off-steps", "no look between computed points", "stickslip.engines.solvers.follow:first_dip")(
     _returning(None)
 )
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines.base import LOCAL, Method, Task
-from stickslip.engines.follow import Lookout, Reach, first_step, follow, longest_step
-from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series
-from stickslip.engines.sundials import CVODE
-from stickslip.engines.through_points import path_through
+from stickslip.engines.solvers.follow import Lookout, Reach, first_step, follow, longest_step
+from stickslip.engines.solvers.linear_solver import LinearSolver, band_order
+from stickslip.engines.solvers.sundials import CVODE
+from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion

@@ -14,11 +14,11 @@ import numpy as np
 import scipy
 
 from stickslip.engines.base import LOCAL, Method, Task
-from stickslip.engines.follow import Lookout, Reach, first_step, follow, longest_step
-from stickslip.engines.linear_solver import sparsity_pattern, write_sparse
 from stickslip.engines.progress import Progress
-from stickslip.engines.sundials import IDA
-from stickslip.engines.through_points import path_through
+from stickslip.engines.solvers.follow import Lookout, Reach, first_step, follow, longest_step
+from stickslip.engines.solvers.linear_solver import sparsity_pattern, write_sparse
+from stickslip.engines.solvers.sundials import IDA
+from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import Block, assembled, dense

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.engines.due import Due
-from stickslip.engines.groups import UNLED
-from stickslip.engines.knots import Knots
-from stickslip.engines.parts import Parts, Patch, distinct
+from stickslip.engines.part_by_part.due import Due
+from stickslip.engines.part_by_part.groups import UNLED
+from stickslip.engines.part_by_part.knots import Knots
+from stickslip.engines.part_by_part.parts import Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest

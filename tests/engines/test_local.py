@@ -29,7 +29,7 @@ from stickslip import (
     sine,
     velocity,
 )
-from stickslip.engines import parts
+from stickslip.engines.part_by_part import parts
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
 from stickslip.results import samples

@@ -11,9 +11,9 @@ import pytest
 import scipy
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
-from stickslip.engines.follow import Lookout
-from stickslip.engines.sundials import CVODE
-from stickslip.engines.through_points import path_through, through_points
+from stickslip.engines.solvers.follow import Lookout
+from stickslip.engines.solvers.sundials import CVODE
+from stickslip.engines.solvers.through_points import path_through, through_points
 
 Array = np.ndarray
 

@@ -29,7 +29,7 @@ from stickslip import (
     triangle,
     velocity,
 )
-from stickslip.engines.along import Along
+from stickslip.engines.solvers.along import Along
 from stickslip.equations.guards import Guards
 from stickslip.equations.mode_equations import FREE, equations_in
 from stickslip.equations.motion import Motion

@@ -30,8 +30,9 @@ from stickslip import (
     sine,
     triangle,
 )
-from stickslip.engines import ida, linear_solver
+from stickslip.engines import ida
 from stickslip.engines.series import Series
+from stickslip.engines.solvers import linear_solver
 from stickslip.equations import balance, system
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path

@@ -29,7 +29,7 @@ from stickslip import (
     sine,
     triangle,
 )
-from stickslip.engines.sundials import CVODE
+from stickslip.engines.solvers.sundials import CVODE
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.signals import Signal
 
@@ -239,7 +239,7 @@ NOISY_RUN = """
 import math
 import numpy as np
 from stickslip import Body, Contact, DryFriction, Force, GROUND, Scene, SimulationError, Spring, signal, simulate
-from stickslip.engines.sundials import CVODE, IDA
+from stickslip.engines.solvers.sundials import CVODE, IDA
 
 
 def decays(t, y, yp):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.swings import Lines, Swings
+from stickslip.engines.part_by_part.swings import Lines, Swings
 from stickslip.equations.drives import Drives
 from stickslip.equations.forest import Forest
 from stickslip.equations.motion import Motion

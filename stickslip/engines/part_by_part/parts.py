@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.engines.elastic import Elastic
-from stickslip.engines.groups import UNLED, Groups
-from stickslip.engines.knots import Knot, Knots, friction_on
-from stickslip.engines.prescribed import Prescribed
+from stickslip.engines.part_by_part.elastic import Elastic
+from stickslip.engines.part_by_part.groups import UNLED, Groups
+from stickslip.engines.part_by_part.knots import Knot, Knots, friction_on
+from stickslip.engines.part_by_part.prescribed import Prescribed
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest, spans
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN

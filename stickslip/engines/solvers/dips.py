@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.engines.along import Along
+from stickslip.engines.solvers.along import Along
 from stickslip.model.arrays import Array, Indices, Mask
 
 _PLACES = np.array([0.0, 0.23, 0.49, 0.77, 1.0])

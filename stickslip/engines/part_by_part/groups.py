@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from stickslip.engines.knots import Knot
+from stickslip.engines.part_by_part.knots import Knot
 from stickslip.equations.forest import Forest
 from stickslip.model.arrays import Indices, Mask
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.along import Along
-from stickslip.engines.dips import first_dip
-from stickslip.engines.passing import back_to_zero
 from stickslip.engines.progress import Interruption, OutOfReach, Progress
+from stickslip.engines.solvers.along import Along
+from stickslip.engines.solvers.dips import first_dip
+from stickslip.engines.solvers.passing import back_to_zero
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.engines.along import Along
+from stickslip.engines.solvers.along import Along
 from stickslip.equations.guards import FULLY
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.path import Path

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from stickslip.engines.parts import Parts
+from stickslip.engines.part_by_part.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF

@@ -1,0 +1,1 @@
+"""The series of a large scene part by part: every body and row has its own, an event changes only what it reaches."""
