@@ -19,7 +19,7 @@ from benchmarks.tradeoff import leines_belt
 from stickslip import DryFriction, Force, LuGre, PreSlip, Scene, feedback, position, sine
 from stickslip.benchmark import flywheel_benchmark
 from stickslip.engines.cvode import Selected
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.settle import settle

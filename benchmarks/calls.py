@@ -17,7 +17,7 @@ import stickslip
 from benchmarks.tradeoff import leines_belt
 from stickslip import simulate
 from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 
 PACKAGE = str(Path(stickslip.__file__).parent)
 SHOWN = 8

@@ -122,7 +122,9 @@ def _no_rise(system: Any) -> None:
     system.rise[:] = 0.0
 
 
-@breaks("normal-frozen", "the level keeps the old normal force", "stickslip.equations.guards:Guards.series")
+@breaks(
+    "normal-frozen", "the level keeps the old normal force", "stickslip.equations.guards.guards:Guards.series"
+)
 def _frozen_normal(original: Any) -> Any:
     """The guards of held contacts do not see that their normal forces change."""
 
@@ -167,7 +169,7 @@ def _none_spared(original: Any) -> Any:
     return lambda self, *args: np.zeros_like(original(self, *args))
 
 
-@breaks("deflation-off", "guards start at 0 undivided", "stickslip.equations.guards:Guards._classify")
+@breaks("deflation-off", "guards start at 0 undivided", "stickslip.equations.guards.guards:Guards._classify")
 @_after
 def _no_zeros(guards: Any) -> None:
     guards.order[:] = 0
@@ -236,7 +238,7 @@ def _untouched(original: Any) -> Any:
     return lambda system, y, u, held: y
 
 
-@breaks("kinks-missed", "load breaks are stepped over", "stickslip.equations.loads:Loads.next_break")
+@breaks("kinks-missed", "load breaks are stepped over", "stickslip.equations.loads.loads:Loads.next_break")
 def _to_the_end(original: Any) -> Any:
     return lambda self, t, stop: stop
 

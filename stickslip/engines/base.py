@@ -9,8 +9,8 @@ from typing import Protocol
 
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
-from stickslip.equations.guards import Guards
-from stickslip.equations.loads import Loads
+from stickslip.equations.guards.guards import Guards
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System

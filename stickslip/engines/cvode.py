@@ -15,7 +15,7 @@ from stickslip.engines.solvers.linear_solver import LinearSolver, band_order
 from stickslip.engines.solvers.sundials import CVODE
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices

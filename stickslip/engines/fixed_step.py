@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.engines.base import Method, Task
 from stickslip.engines.stability import Stability, Unstable
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array

@@ -20,8 +20,8 @@ from stickslip.engines.solvers.linear_solver import sparsity_pattern, write_spar
 from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
-from stickslip.equations.guards import Guards
-from stickslip.equations.matrices import Block, assembled, dense
+from stickslip.equations.algebra.matrices import Block, assembled, dense
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices

@@ -14,9 +14,9 @@ import numpy as np
 from stickslip.engines.base import Method, Task
 from stickslip.engines.roots import first_root, first_touch, may_vanish
 from stickslip.engines.work import BEYOND, SolverFailure, Work, grows
-from stickslip.equations.guards import Guards
-from stickslip.equations.guards_at_start import NEVER
-from stickslip.equations.loads import Loads
+from stickslip.equations.guards.at_start import NEVER
+from stickslip.equations.guards.guards import Guards
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import scipy
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Complex, Mask

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.matrices import row_maxima
+from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.equations.loads import Loads, Stretch
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.loads.loads import Loads, Stretch
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask
 

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from stickslip.equations.loads import Waves
-from stickslip.equations.matrices import scaled
+from stickslip.equations.algebra.matrices import scaled
+from stickslip.equations.loads.loads import Waves
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_quickly_made

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.equations.floats import Columns
-from stickslip.equations.loads import Stretch
+from stickslip.equations.algebra.floats import Columns
+from stickslip.equations.loads.loads import Stretch
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices, Mask
 

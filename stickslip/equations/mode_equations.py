@@ -10,10 +10,18 @@ from typing import Any
 import numpy as np
 import scipy
 
+from stickslip.equations.algebra.matrices import (
+    Block,
+    Triplets,
+    assembled,
+    dense,
+    row_maxima,
+    scaled,
+    stacked,
+)
 from stickslip.equations.balance import joined
 from stickslip.equations.guard_rows import GuardRows
-from stickslip.equations.loads import TableRegions, Waves
-from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima, scaled, stacked
+from stickslip.equations.loads.loads import TableRegions, Waves
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_small

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.floats import Sums, rates_of, smallest_of
+from stickslip.equations.algebra.floats import Sums, rates_of, smallest_of
+from stickslip.equations.algebra.matrices import assembled, dense
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
-from stickslip.equations.loads import NO_WAVES, Stretch
-from stickslip.equations.matrices import assembled, dense
+from stickslip.equations.loads.loads import NO_WAVES, Stretch
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.equations.taylor import TaylorMap

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebint, chebvander
 from numpy.polynomial.polynomial import polyint
 
-from stickslip.equations.polynomials import powers
+from stickslip.equations.algebra.polynomials import powers
 from stickslip.model.arrays import Array, Indices
 
 _FEW = 400

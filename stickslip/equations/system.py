@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import scipy
 
+from stickslip.equations.algebra.matrices import Triplets
 from stickslip.equations.balance import Balance, Components
-from stickslip.equations.dependence import Dependence, Forms, Friction
-from stickslip.equations.loads import Loads
-from stickslip.equations.matrices import Triplets
+from stickslip.equations.loads.dependence import Dependence, Forms, Friction
+from stickslip.equations.loads.loads import Loads
+from stickslip.equations.loads.reader import BlockPlace, Form, Key, Reader
 from stickslip.equations.piecewise import PiecewiseMatrices
-from stickslip.equations.reader import BlockPlace, Form, Key, Reader
 from stickslip.equations.transmission import Transmission
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.elements import Block, Sampled, StateSpace

@@ -15,7 +15,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from stickslip.equations.loads import Waves
+from stickslip.equations.loads.loads import Waves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from stickslip.equations.guards import Guards
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask
 

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip.equations.guards import FULLY, Guards
-from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF, TIME
-from stickslip.equations.loads import Loads
+from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF, TIME
+from stickslip.equations.guards.guards import FULLY, Guards
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.balance import joined
-from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes

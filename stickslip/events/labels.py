@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards_at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
+from stickslip.equations.guards.at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.equations.guards import FULLY
-from stickslip.equations.guards_at_start import AT_LIMIT
+from stickslip.equations.guards.at_start import AT_LIMIT
+from stickslip.equations.guards.guards import FULLY
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask

@@ -8,9 +8,9 @@ from itertools import product
 import numpy as np
 
 from stickslip.equations.balance import Balance, joined
-from stickslip.equations.guards import Guards
-from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
-from stickslip.equations.loads import Stretch
+from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
+from stickslip.equations.guards.guards import Guards
+from stickslip.equations.loads.loads import Stretch
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip.equations.guard_values import AT_BAND
-from stickslip.equations.guards import Guards
-from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.equations.loads import Loads, Stretch, TableRegions
-from stickslip.equations.matrices import row_maxima
+from stickslip.equations.algebra.matrices import row_maxima
+from stickslip.equations.guards.at_start import ROUNDOFF
+from stickslip.equations.guards.guards import Guards
+from stickslip.equations.guards.values import AT_BAND
+from stickslip.equations.loads.loads import Loads, Stretch, TableRegions
 from stickslip.equations.mode_equations import APART, FREE, OPEN, ModeEquations, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

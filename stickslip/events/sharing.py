@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.equations.guards import Guards
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guard_values import AT_BAND
-from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.guards.values import AT_BAND
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Modes

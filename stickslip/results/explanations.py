@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import scipy
 
-from stickslip.equations.loads import Loads
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.arrays import Modes

@@ -13,7 +13,7 @@ from zipfile import BadZipFile, is_zipfile
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.loads import Span
+from stickslip.equations.loads.loads import Span
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.checks import file_path, in_order

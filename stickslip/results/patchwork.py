@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.drives import Drives
+from stickslip.equations.algebra.polynomials import shifted
+from stickslip.equations.loads.drives import Drives
+from stickslip.equations.loads.sines import Sines
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.piecewise import Regions
-from stickslip.equations.polynomials import shifted
-from stickslip.equations.sines import Sines
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.pickled import PickledByFields

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines import METHODS
-from stickslip.equations.loads import Loads
-from stickslip.equations.matrices import dense, row_maxima
+from stickslip.equations.algebra.matrices import dense, row_maxima
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.checks import every_digit, finite, flag, in_order, numbers, rounded_up

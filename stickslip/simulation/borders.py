@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes
 from stickslip.equations.system import System

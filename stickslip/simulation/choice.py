@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from stickslip.engines import METHODS
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import APART, OPEN, equations_in
 from stickslip.equations.system import System
 

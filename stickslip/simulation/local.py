@@ -20,7 +20,7 @@ from stickslip.engines.part_by_part.parts import Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
-from stickslip.equations.guards_at_start import ROUNDOFF
+from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.mode_equations import APART, OPEN
 from stickslip.events.endings import arrives
 from stickslip.events.settle import Settled

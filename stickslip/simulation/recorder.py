@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.loads import Span
+from stickslip.equations.loads.loads import Span
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled

@@ -11,8 +11,8 @@ import numpy as np
 
 from stickslip.engines.base import LOCAL, Engine, Task
 from stickslip.equations.forest import Forest
-from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.equations.loads import Span
+from stickslip.equations.guards.at_start import ROUNDOFF
+from stickslip.equations.loads.loads import Span
 from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path

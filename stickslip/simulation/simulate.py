@@ -11,7 +11,7 @@ from stickslip.engines import METHODS, MethodName
 from stickslip.engines.base import Task
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.forest import Forest
-from stickslip.equations.loads import Loads, Span
+from stickslip.equations.loads.loads import Loads, Span
 from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import Path
 from stickslip.equations.system import System

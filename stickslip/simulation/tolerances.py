@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.engines.base import Method
-from stickslip.equations.matrices import row_maxima
+from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.equations.system import System
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array

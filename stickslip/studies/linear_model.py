@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Complex, Indices

@@ -24,7 +24,7 @@ from stickslip import (
     simulate,
     velocity,
 )
-from stickslip.equations.reader import differences
+from stickslip.equations.loads.reader import differences
 
 
 @pytest.mark.parametrize(

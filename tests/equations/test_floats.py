@@ -30,7 +30,7 @@ from stickslip import (
     velocity,
 )
 from stickslip.engines.solvers.along import Along
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import FREE, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes

@@ -24,8 +24,8 @@ from stickslip import (
     signal,
     sine,
 )
-from stickslip.equations.guards import Guards
-from stickslip.equations.guards_at_start import NEVER
+from stickslip.equations.guards.at_start import NEVER
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import APART, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

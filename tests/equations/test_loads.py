@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads.loads import Loads
 from stickslip.model.signals import as_signal
 
 BRAKE = triangle(0.05, 0.10, 0.15, slope=3000) + triangle(0.4, 0.5, 0.6, slope=3000)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 
-from stickslip.equations.matrices import Triplets, assembled, dense, row_maxima, scaled, stacked
+from stickslip.equations.algebra.matrices import Triplets, assembled, dense, row_maxima, scaled, stacked
 
 
 def stored(values: Any, is_sparse: bool) -> Any:

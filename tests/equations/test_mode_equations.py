@@ -25,7 +25,7 @@ from stickslip import (
     sine,
 )
 from stickslip.equations import system as systems
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.mode_equations import FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

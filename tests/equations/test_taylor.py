@@ -22,7 +22,7 @@ from stickslip import (
     sine,
 )
 from stickslip.equations import mode_equations
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

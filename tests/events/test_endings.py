@@ -21,7 +21,7 @@ from stickslip import (
     piecewise_linear,
     simulate,
 )
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path

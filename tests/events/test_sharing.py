@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import linprog, lsq_linear
 
 from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

@@ -9,10 +9,10 @@ import numpy as np
 from stickslip.engines.part_by_part.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
-from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.algebra.polynomials import powers, shifted
+from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.inputs import DWELL_OVER
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
-from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask
 
 _WORTH = 0.3

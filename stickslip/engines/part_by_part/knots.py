@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.balance import Balance
 from stickslip.equations.forest import Forest
-from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices
 

@@ -19,10 +19,10 @@ from stickslip.engines.part_by_part.groups import UNLED, Groups
 from stickslip.engines.part_by_part.knots import Knot, Knots, friction_on
 from stickslip.engines.part_by_part.prescribed import Prescribed
 from stickslip.engines.work import Work
+from stickslip.equations.algebra.polynomials import powers, shifted
 from stickslip.equations.forest import Forest, spans
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
-from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _MANY = 120

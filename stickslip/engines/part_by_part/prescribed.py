@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines.part_by_part.swings import Lines, Swings
-from stickslip.equations.drives import Drives
 from stickslip.equations.forest import Forest
+from stickslip.equations.loads.drives import Drives
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices
 

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.forest import spans
-from stickslip.equations.sines import NO_SINES, Sines
+from stickslip.equations.loads.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array, Indices, Mask
 
 

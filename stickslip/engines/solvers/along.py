@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_values
 from stickslip.model.arrays import Array, Indices, Mask

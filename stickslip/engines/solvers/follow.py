@@ -13,7 +13,7 @@ from stickslip.engines.solvers.along import Along
 from stickslip.engines.solvers.dips import first_dip
 from stickslip.engines.solvers.passing import back_to_zero
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array

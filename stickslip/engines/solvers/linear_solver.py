@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.engines.solvers.along import Along
-from stickslip.equations.guards import FULLY
-from stickslip.equations.guards_at_start import ROUNDOFF
+from stickslip.equations.guards.at_start import ROUNDOFF
+from stickslip.equations.guards.guards import FULLY
 from stickslip.equations.path import Path
 from stickslip.model.crossings import root_between
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.checks import finite

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.scene import Scene

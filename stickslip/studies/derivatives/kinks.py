@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import scipy
 
-from stickslip.equations.guards_at_start import NEVER
+from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Modes
 from stickslip.results.trajectory import Piece

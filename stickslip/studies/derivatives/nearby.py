@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.loads import Loads, Stretch
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.loads.loads import Loads, Stretch
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

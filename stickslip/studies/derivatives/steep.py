@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path

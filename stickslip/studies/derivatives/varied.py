@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes

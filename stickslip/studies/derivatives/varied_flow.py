@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.equations.matrices import dense
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array
 from stickslip.model.crossings import root_between

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stickslip.equations.guard_values import GuardValues
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards.guards import Guards
+from stickslip.equations.guards.values import GuardValues
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask

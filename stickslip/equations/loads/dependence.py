@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import numpy as np
 import scipy
 
-from stickslip.equations.floats import Columns
-from stickslip.equations.loads import TableRegions
-from stickslip.equations.reader import Form, Key, Node, differences
+from stickslip.equations.algebra.floats import Columns
+from stickslip.equations.loads.loads import TableRegions
+from stickslip.equations.loads.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.floats import smallest_of
-from stickslip.equations.guards_at_start import AT_LIMIT, NEVER, ROUNDOFF, GuardsAtStart
+from stickslip.equations.algebra.floats import smallest_of
+from stickslip.equations.guards.at_start import AT_LIMIT, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
 

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.equations.guard_values import GuardValues
+from stickslip.equations.guards.values import GuardValues
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes

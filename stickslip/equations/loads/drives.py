@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.equations.sines import Sines
+from stickslip.equations.loads.sines import Sines
 from stickslip.model.arrays import Array, Indices
 
 

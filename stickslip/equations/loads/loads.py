@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.equations.floats import Columns
-from stickslip.equations.sines import NO_SINES, Sines
+from stickslip.equations.algebra.floats import Columns
+from stickslip.equations.loads.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array
 from stickslip.model.crossings import INSIDE
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale

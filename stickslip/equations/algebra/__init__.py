@@ -1,0 +1,1 @@
+"""Matrices, polynomials and sums written out: nothing of friction."""

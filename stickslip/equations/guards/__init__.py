@@ -1,0 +1,1 @@
+"""What has to stay positive along a motion while its modes hold."""

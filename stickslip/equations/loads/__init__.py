@@ -1,0 +1,1 @@
+"""Loads as one vector of inputs: signals over time, and what depends on the state."""
