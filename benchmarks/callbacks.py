@@ -74,9 +74,9 @@ def by_hand() -> tuple[float, float]:
 
 def costs(motion: Motion, guards: Guards, y: np.ndarray) -> list[float]:
     """Return the costs of rates, of the smallest guard, and of the Jacobian, as CVODE asks for them."""
-    seen, out = Selected(motion, None, merged=False), np.empty(y.size)
+    rate, out = Selected(motion, None, merged=False).writes_rates(), np.empty(y.size)
     return [
-        cost(lambda: seen.rate(1e-2, y, out)),
+        cost(lambda: rate(1e-2, y, out)),
         cost(lambda: guards.smallest(1e-2, y)),
         cost(lambda: motion.jacobian(1e-2, y)),
     ]

@@ -30,6 +30,18 @@ _Steps = tuple[float, float]
 """Longest and first step in s."""
 
 
+class _Followed:
+    """What is followed at the time: solvers call it. They do not know the engine, or only the collector frees both."""
+
+    motion: Selected
+    rate: Callable[[float, Array, Array], None]
+    lookout: Lookout
+    progress: Progress
+
+    def __init__(self) -> None:
+        self.linear_solver = LinearSolver()
+
+
 class Cvode:
     """CVODE for the motions of one simulation.
 
@@ -44,27 +56,26 @@ class Cvode:
         if task.exact_at_rest:
             self._series = Series(task)
             self._series.work = self.work
-        self._linear_solver = LinearSolver()
+        self._now = _Followed()
         self._solvers: dict[_Steps, Any] = {}
         self._events: dict[_Steps, int] = {}
-        self._motion: Selected
-        self._lookout: Lookout
-        self._progress: Progress
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         if self._series is not None and motion.is_linear and not guards.is_velocity.any():
             return self._series.advance(motion, guards, horizon)
-        self._motion = Selected(motion, self._order, self._task.merged)
-        self._lookout = Lookout(guards, self._task.interruption, self.work)
+        self._now.motion = selected = Selected(motion, self._order, self._task.merged)
+        self._now.rate = selected.writes_rates()
+        self._now.lookout = Lookout(guards, self._task.interruption, self.work)
         return follow(motion, guards, horizon, self._solve, self._task.interruption, self._reach)
 
     def _solve(self, tau: float, progress: Progress) -> Path:
-        selected, work, self._progress = self._motion, self.work, progress
+        selected, lookout, work = self._now.motion, self._now.lookout, self.work
+        self._now.progress = progress
         key, solver = self._solver(selected)
-        self._lookout.end = None
+        lookout.end = None
         solution = solver.solve(np.array([0.0, tau]), selected.start)
-        taus, points = self._lookout.points_of(solution)
+        taus, points = lookout.points_of(solution)
         work.starts += 1
         work.steps += taus.size - 1
         work.rate_calls += solution.nfev
@@ -76,14 +87,14 @@ class Cvode:
             selected.whole(taus, points),
             self._tolerance,
             self._kind,
-            self._lookout.found,
+            lookout.found,
         )
         return solved(solution, path)
 
     def _solver(self, selected: Selected) -> tuple[_Steps, Any]:
         motion = selected.motion
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
-        if self._linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
+        if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
             self._solvers.clear()
         first = first_step(motion, *self._tolerance)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
@@ -96,29 +107,30 @@ class Cvode:
 
     def _make(self, max_step: float, first: float) -> Any:
         """Return a solver; what it calls belongs to the motion that is followed at the time."""
+        now = self._now
 
         def rate(tau: float, y: Array, out: Array) -> None:
-            self._progress.note(tau)
-            self._motion.rate(tau, y, out)
+            now.progress.note(tau)
+            now.rate(tau, y, out)
 
         def jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
-            self._linear_solver.fill(self._motion.jacobian(tau, y), out)
+            now.linear_solver.fill(now.motion.jacobian(tau, y), out)
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
-            out[0] = self._lookout.at(tau, self._motion.expand(tau, y), y)
+            out[0] = now.lookout.at(tau, now.motion.expand(tau, y), y)
 
         rtol, atol = self._tolerance
         return CVODE(
             rate,
             method=self._kind,
             rtol=rtol,
-            atol=_shortest(self._motion.pick(atol)),
+            atol=_shortest(now.motion.pick(atol)),
             max_step=max_step,
             first_step=first,
             jacfn=jacobian,
             eventsfn=smallest_guard,
             num_events=1,
-            **self._linear_solver.options(),
+            **now.linear_solver.options(),
         )
 
 
@@ -139,9 +151,6 @@ class Selected:
             self._order = self._order[stays[self._order]]
             self._is_part = True
         self.start = self.pick(motion.y)
-        in_floats = motion.in_floats if self._is_all else None
-        self.rate: Callable[[float, Array, Array], None] = in_floats or self._in_arrays
-        """Writes the rates."""
 
     def pick(self, values: Array) -> Array:
         """Return what belongs to the states that are integrated."""
@@ -162,6 +171,11 @@ class Selected:
         full = np.zeros((taus.size, self.motion.y.size))
         full[:, self._order] = points
         return self.motion.exact(taus, full.T).T
+
+    def writes_rates(self) -> Callable[[float, Array, Array], None]:
+        """Return what writes the rates."""
+        in_floats = self.motion.in_floats if self._is_all else None
+        return in_floats or self._in_arrays
 
     def _in_arrays(self, tau: float, y: Array, out: Array) -> None:
         out[:] = self.pick(self.motion.rate(tau, self.expand(tau, y)))

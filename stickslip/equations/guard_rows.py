@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -64,7 +65,9 @@ class GuardRows:
     """
 
     def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
-        self.equations, self.loose = equations, loose.size
+        # the equations keep these rows: in a circle both would stay until the collector comes by
+        self._equations: InModes = weakref.proxy(equations)
+        self.loose = loose.size
         system, modes, borders = equations.system, equations.modes, equations.borders
         held, pre, top, slip = equations.held, equations.pre, equations.at_level, equations.slip
         pressed, first = equations.pressed, system.m + held.size
@@ -127,7 +130,7 @@ class GuardRows:
     @cached_property
     def is_dwelling(self) -> Mask:
         """Guards of rows whose level rises with the dwell."""
-        return np.isin(self.row, self.equations.system.dwelling)
+        return np.isin(self.row, self._equations.system.dwelling)
 
     @cached_property
     def velocities(self) -> Indices:
@@ -142,7 +145,7 @@ class GuardRows:
     @cached_property
     def kinds(self) -> tuple[Indices, list[str]]:
         """Where in states and guards side by side each kind begins, and which it is."""
-        system, own = self.equations.system, self.forces
+        system, own = self._equations.system, self.forces
         ends = [system.n, system.size, *(system.size + k for k in (own.start, own.stop, self.size))]
         named = zip([0, *ends], ends, ["state", "state", "velocity", "force", "velocity"], strict=False)
         some = [(first, kind) for first, last, kind in named if last > first]
@@ -151,27 +154,27 @@ class GuardRows:
     @cached_property
     def by_state(self) -> Any:
         """The guards from the states."""
-        return scaled(self.turn, self.equations.E[self.source])
+        return scaled(self.turn, self._equations.E[self.source])
 
     @cached_property
     def by_input(self) -> Array:
         """The guards, but for constants, from the inputs of a small scene."""
-        found: Array = self.turn[:, None] * self.equations.H[self.source]
+        found: Array = self.turn[:, None] * self._equations.H[self.source]
         found[np.arange(self.size), self.row] += self.mu
         found[self.rising, self.dwell] -= self.rise
         return found
 
     def of_states(self, y: Array) -> Array:
         """Return what columns of states add to the guards."""
-        if self.equations.is_assembled:
+        if self._equations.is_assembled:
             return np.asarray(self.by_state @ y)
-        return np.asarray(self.turn[:, None] * self.equations.watch(y)[self.source])
+        return np.asarray(self.turn[:, None] * self._equations.watch(y)[self.source])
 
     def of_inputs(self, q: Array) -> Array:
         """Return what columns of inputs add to the guards, but for constants."""
-        if not self.equations.system.sparse:
+        if not self._equations.system.sparse:
             return self.by_input @ q
-        z = self.equations.respond(q)[self.equations.system.size :]
+        z = self._equations.respond(q)[self._equations.system.size :]
         found = self.turn[:, None] * z[self.source] + self.mu[:, None] * q[self.row]
         found[self.rising] -= self.rise[:, None] * q[self.dwell]
         return np.asarray(found)
@@ -184,7 +187,7 @@ class GuardRows:
         """
         key = order, waves
         if key not in self._sizes:
-            equations, entries = self.equations, np.array(waves[0], dtype=np.intp)
+            equations, entries = self._equations, np.array(waves[0], dtype=np.intp)
             system, turns = equations.system, np.abs(np.array(waves[1]))
             parts = [system.size, *2 * [system.inputs], *2 * [system.dwelling.size], entries.size]
             columns, found = sum(parts), None

@@ -35,10 +35,10 @@ from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signa
 _DENSE_LIMIT = 220
 """Bodies and rows together from which matrices are kept sparse: up to there products of dense ones take less time."""
 
-_REMEMBERED_SPARSE, _MODE_BYTES = 4, 50_000_000
+_REMEMBERED_SPARSE, _MODE_BYTES = 4, 25_000_000
 """So many sets of modes of a large scene are remembered, and memory for those of a smaller one."""
 
-_BALANCES, _BYTES = 4000, 64_000_000
+_BALANCES, _BYTES = 4000, 32_000_000
 """So many balances of forces, and memory for them, are kept: results are read with those of the run."""
 
 _NO_LAW = DryFriction(0.0, 0.0)
@@ -86,7 +86,7 @@ class System:
         self._push(book)
         self.piecewise = self._piecewise(book)
         # as measured
-        remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (100_000 + 16 * (n + m) ** 2)
+        remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (60_000 + 20 * (n + m) ** 2)
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
         self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(

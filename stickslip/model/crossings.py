@@ -75,4 +75,13 @@ def root_between(function: Callable[[float], float], a: float, b: float) -> floa
     Its error is roundoff of the root, or of the interval: a function that is a breath above 0 at 0 has a root that no
     bisection reaches otherwise.
     """
-    return float(scipy.optimize.brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15, maxiter=1000))
+    # scipy wraps what it is given in a circle: let go of the function, and of the motion that it knows
+    known = [function]
+
+    def value(x: float) -> float:
+        return known[0](x)
+
+    try:
+        return float(scipy.optimize.brentq(value, a, b, xtol=1e-16 * (b - a), rtol=1e-15, maxiter=1000))
+    finally:
+        known.clear()

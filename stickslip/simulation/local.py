@@ -7,7 +7,6 @@ it, and only the bodies that it reaches are expanded anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +29,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.borders import TOGETHER
 from stickslip.simulation.recorder import Recorder, cause_of
+from stickslip.simulation.timeline import Timeline
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""
@@ -54,9 +54,9 @@ class Ending(NamedTuple):
 class Local:
     """Follows the motion of a scene part by part.
 
-    Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. `passed` is told
-    the time and the row of every event; it raises where time stands still. What moves without friction may relax to
-    rest within the `margin`: there the whole scene is asked.
+    Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. The timeline is
+    told of every event. What moves without friction may relax to rest within the `margin`: there the whole scene is
+    asked.
     """
 
     def __init__(
@@ -65,12 +65,12 @@ class Local:
         work: Work,
         interruption: Interruption,
         recorder: Recorder,
-        passed: Callable[[float, int], None],
+        timeline: Timeline,
         margin: Array,
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
         self._knots = Knots(forest)
-        self._recorder, self._passed, self._margin = recorder, passed, margin
+        self._recorder, self._timeline, self._margin = recorder, timeline, margin
         self.most_guards = self._held = self._most_held = self._armed = 0
         self._opened, self._any_slick = _NONE, False
 
@@ -223,7 +223,7 @@ class Local:
         if outcome is None or outcome.mode[0] == before:
             parts.since[j] = since
             return False
-        self._passed(t, j)
+        self._timeline.pass_event(t, j)
         self._change(t, tree, outcome, groups, patch, where, before)
         return True
 
@@ -232,7 +232,7 @@ class Local:
         was = int(self._parts.label[j])
         if not self._due.turn_over(j, t):
             return False
-        self._passed(t, j)
+        self._timeline.pass_event(t, j)
         self._tick(t, True)
         self._enter_rows(np.array([j]))
         self._bad = _NONE
@@ -244,7 +244,7 @@ class Local:
         parts, due = self._parts, self._due
         if not ((parts.mode[rows] == APART).all() and all(due.crosses(j, t) for j in rows.tolist())):
             return False
-        self._passed(t, int(rows[0]))
+        self._timeline.pass_event(t, int(rows[0]))
         self._tick(t, True)
         self._go_beyond(rows, t)
         return True

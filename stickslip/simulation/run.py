@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -47,21 +46,19 @@ from stickslip.simulation.borders import TOGETHER, Borders
 from stickslip.simulation.local import Ending, Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.relaxation import Relaxation
+from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.tolerances import Reached, Tolerances
 from stickslip.simulation.watching import Watch
 
-_RESTARTS_WITHOUT_PROGRESS = 100
 _FROM_NOTHING = 1e-6
 """A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
-
-_HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    With a forest, motions are followed part by part where that can be. `now` is the motion from the time `t` on, and
-    `stopped` the user's event that has stopped it.
+    With a forest, motions are followed part by part where that can be. `now` is the motion from where the
+    `timeline` is, and `stopped` the user's event that has stopped it.
     """
 
     def __init__(
@@ -77,21 +74,18 @@ class Run:
         system = task.system
         self.system, self.loads, self.engine, self.recorder = system, task.loads, engine, recorder
         self._interruption, self._watch = task.interruption, watch
+        self.timeline, self._wanted = Timeline(system, span.start, span.stop), wanted
         self._local: Local | None = None
         if forest is not None:
-            self._local = Local(forest, engine.work, task.interruption, recorder, self._passed, wanted.margin)
-        self.start, self.stop = span.start, span.stop
-        self.t, self._wanted = self.start, wanted
+            self._local = Local(
+                forest, engine.work, task.interruption, recorder, self.timeline, wanted.margin
+            )
         # the fastest that a solver has seen of each body, how far states were from those at the start, and what adds
         # up in rates
         self._first = system.at_start()
         self._fastest = np.abs(self._first[: system.n])
         self._moved, self._pushed = np.zeros(system.size), 0.0
-        # restarts without progress, events since the last look at the time, that time, and the rows that changed last
-        self._standing = self._hits = 0
-        self._looked_at = self.t
-        self._recent: deque[int] = deque(maxlen=20)
-        self.restarts = self.most_guards = self.samples = 0
+        self.most_guards = self.samples = 0
         self.now: Settled | None = None
         tables = system.dependence is not None and system.dependence.tables
         self._borders = Borders(system, task.loads, wanted.atol / wanted.rtol) if tables else None
@@ -103,15 +97,15 @@ class Run:
 
     def begin(self) -> None:
         """Settle the modes at the start."""
-        system = self.system
+        system, t = self.system, self.timeline.t
         nothing = np.zeros(system.m, dtype=bool)
-        since = self.t - np.array([row.rested for row in system.rows])
+        since = t - np.array([row.rested for row in system.rows])
         start = Situation(
-            self.t, system.at_start(), None, since, nothing, nothing, moves_on=system.starts_slipping
+            t, system.at_start(), None, since, nothing, nothing, moves_on=system.starts_slipping
         )
         if system.sampled:
-            q = inputs_before(system, self.loads.after(self.t), start)
-            start = start._replace(y=self._sample(self.t, q, start.y))
+            q = inputs_before(system, self.loads.after(t), start)
+            start = start._replace(y=self._sample(t, q, start.y))
         if self._borders is not None:
             self._borders.place(start)
         before = start.y.copy()
@@ -121,16 +115,17 @@ class Run:
         situation = start._replace(sides=sides, moves_on=system.starts_slipping | struck_rows)
         self.now = replace(self._settled(situation), impact=impact)
         for j in hit.nonzero()[0].tolist():
-            self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
+            self.recorder.note(t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
     def _stops_at_start(self, y: Array) -> tuple[Mask, Modes, Struck | None]:
         """Let stops rebound, in place, that start at a limit and go on into it.
 
         Returns which do, at which limits stops rest then, and what the impact did.
         """
-        system, q = self.system, self.loads.after(self.t).at(self.t)
+        system, t = self.system, self.timeline.t
+        q = self.loads.after(t).at(t)
         u = system.drive_velocities(q)
-        sides = at_stops_at_start(system, y, q, self.t)
+        sides = at_stops_at_start(system, y, q, t)
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff; drives that it
         # rests at are as fast as bodies
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
@@ -166,7 +161,7 @@ class Run:
                 rates = now.motion.rate_magnitudes()[: self.system.n]
                 self._pushed = max(self._pushed, float(rates.max(initial=0.0)))
         if self.stopped is not None:
-            self.t = t
+            self.timeline.t = t
             return
         self._go_on(now, path, t, relaxed)
 
@@ -175,7 +170,7 @@ class Run:
         """What the run has come to."""
         ends = [self.system.n, self.system.first_bristle, self.system.first_block]
         velocities, distances, bristles, _ = np.split(self._moved, ends)
-        return Reached(velocities, distances, bristles, self._pushed * (self.stop - self.start))
+        return Reached(velocities, distances, bristles, self._pushed * self.timeline.duration)
 
     def _path(self, now: Settled) -> tuple[Path, list[int]]:
         """Return the path of a motion while its modes hold, and the rows that have relaxed to rest at its end."""
@@ -223,10 +218,10 @@ class Run:
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before, hit = end.t, end.labels, bool(end.fired.any())
         self.now = replace(now, labels=before)
-        self._go_to(t, hit)
-        if t >= self.stop or self._interruption.pressed:
+        self.timeline.go_to(t, hit)
+        if self.timeline.is_over or self._interruption.pressed:
             return
-        self.restarts += 1
+        self.timeline.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
         jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, None)
         stops = self._come_to_rest(t, local.modes, jump, partial(local.arrived, t))
@@ -241,19 +236,13 @@ class Run:
         comes = arrived_of(open_from_here(self.system, modes, q)) & ~jump.parted
         return np.asarray(comes | landed(self.system, modes, jump, q))
 
-    def _passed(self, t: float, j: int) -> None:
-        """Go on to an event of a row that was settled where it is."""
-        self._recent.append(j)
-        self._go_to(t, not self.system.piecewise.count)
-        self.restarts += 1
-
     def _go_on(self, now: Settled, path: Path, t: float, relaxed: list[int]) -> None:
         """Go on from the end of a path: in the same modes, or with one other mode, or with all settled anew."""
         motion = now.motion
-        self._go_to(t, path.has_event and not now.guards.is_border.any())
-        if t >= self.stop:
+        self.timeline.go_to(t, path.has_event and not now.guards.is_border.any())
+        if self.timeline.is_over:
             return
-        self.restarts += 1
+        self.timeline.restarts += 1
         blocks = self._blocks_at_end(motion, path, t)
         following = None if path.has_event or relaxed else self._carried_on(now, path, t, blocks)
         if following is not None:
@@ -386,8 +375,8 @@ class Run:
         return self._sample(t, q, path.last)[system.first_block :]
 
     def _sample(self, t: float, q: Array, y: Array) -> Array:
-        self.samples += sum(block.is_due(t, self.start) for _, block, _ in self.system.sampled)
-        return self.system.sample(t, self.start, q, y)
+        self.samples += sum(block.is_due(t, self.timeline.start) for _, block, _ in self.system.sampled)
+        return self.system.sample(t, self.timeline.start, q, y)
 
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed: bool, jump: Jump | None) -> None:
         assert self.now is not None
@@ -408,27 +397,5 @@ class Run:
             cause = "jump of velocities"
         else:
             cause = cause_of(before, after, fired)
-        self._recent.append(j)
+        self.timeline.note(j)
         self.recorder.note(t, j, before, after, cause)
-
-    def _go_to(self, t: float, hit: bool) -> None:
-        """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
-        whole = self.stop - self.start
-        stands = t - self.t <= 1e-14 * whole
-        self.t = t
-        self._standing = self._standing + 1 if stands else 0
-        if self._standing > _RESTARTS_WITHOUT_PROGRESS + 10 * self.system.m:
-            raise ArithmeticError(f"modes flip without progress in time: contacts {self._names()}")
-        self._hits += hit
-        if self._hits >= _HITS_BETWEEN_LOOKS * max(self.system.m, 1):
-            if (t - self._looked_at) * _HITS_AT_MOST < self._hits * whole:
-                raise ArithmeticError(
-                    f"modes flip with hardly any progress in time: contacts {self._names()}"
-                )
-            self._hits, self._looked_at = 0, t
-
-    def _names(self) -> str:
-        system = self.system
-        # where none has changed it is gaps and stops that come to their limits and do not pass them
-        rows = set(self._recent) or set(system.piecewise.row.tolist()) or range(system.m)
-        return ", ".join(sorted(repr(system.rows[j].name) for j in rows))

@@ -204,17 +204,17 @@ class _Simulation:
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
-        run, interruption = self._run, self._task.interruption
-        bar = _bar(run.stop - run.start) if progress else None
+        run, timeline, interruption = self._run, self._run.timeline, self._task.interruption
+        bar = _bar(timeline.duration) if progress else None
         if bar is not None:
-            interruption.show = lambda tau: _advance_bar(bar, run.t + tau - run.start)
+            interruption.show = lambda tau: _advance_bar(bar, timeline.gone + tau)
         try:
             with interruption:
                 run.begin()
-                while run.t < run.stop and run.stopped is None:
+                while not timeline.is_over and run.stopped is None:
                     run.advance()
                     if bar is not None:
-                        _advance_bar(bar, run.t - run.start)
+                        _advance_bar(bar, timeline.gone)
                     if interruption.pressed:
                         raise KeyboardInterrupt
         except SolverFailure as failure:
@@ -234,14 +234,14 @@ class _Simulation:
         except (ArithmeticError, ValueError) as fault:
             raise self._error(str(fault), LOOK_AT_SCENE) from fault
         except KeyboardInterrupt as interrupted:
-            t = self._keep(interrupted.path) if isinstance(interrupted, Interrupted) else run.t
+            t = self._keep(interrupted.path) if isinstance(interrupted, Interrupted) else timeline.t
             message = f"interrupted at t = {t:.9g} s"
             raise SimulationInterrupted(message, self._result(message, -1)) from None
         finally:
             if bar is not None:
                 bar.close()
         if run.stopped is not None:
-            return self._result(f"event {run.stopped!r} stopped the simulation at t = {run.t:.9g} s", 1)
+            return self._result(f"event {run.stopped!r} stopped the simulation at t = {timeline.t:.9g} s", 1)
         return self._result("the end of the time span was reached", 0)
 
     def _names(self, rows: Indices) -> str:
@@ -260,7 +260,7 @@ class _Simulation:
         """Keep the path of a motion that has come to no end; return the time of its last point."""
         run = self._run
         if run.now is None or path is None:
-            return run.t
+            return run.timeline.t
         t = run.now.motion.t + float(path.taus[-1])
         self._recorder.keep(run.now, path, t)
         return t
@@ -283,7 +283,7 @@ class _Simulation:
             "states": size,
             "fewest_states": self._recorder.fewest_states if self._task.merged else size,
             "guards": int(self._run.most_guards),
-            "restarts": self._run.restarts,
+            "restarts": self._run.timeline.restarts,
             "steps": work.steps,
             "rate_calls": work.rate_calls,
             "jacobian_calls": work.jacobian_calls,

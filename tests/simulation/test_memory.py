@@ -7,8 +7,28 @@ import weakref
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Scene,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
 from stickslip.benchmark import flywheel_chain
+from stickslip.engines.cvode import Cvode
+from stickslip.engines.part_by_part.due import Due
+from stickslip.engines.part_by_part.parts import Parts
+from stickslip.engines.series import Series
+from stickslip.equations.mode_equations import equations_in
+from stickslip.equations.motion import Motion
+from stickslip.simulation.local import Local
+from stickslip.simulation.run import Run
+from stickslip.simulation.simulate import compiled
 
 
 @pytest.mark.slow
@@ -68,3 +88,27 @@ def test_events_late_in_a_run_take_no_more_memory_than_the_first() -> None:
 
     per_event(50)  # what is imported and compiled once is no part of it
     assert per_event(800) < 1.2 * per_event(100)
+
+
+def test_what_a_run_needs_no_more_is_freed_without_the_collector() -> None:
+    """Arrays do not count where Python decides when to look for circles: these would stay for hundreds of events."""
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0) for i in range(30)),
+        *(Spring(f"b{i}", f"b{i + 1}", stiffness=10.0) for i in range(29)),
+        *(Contact(f"c{i}", f"b{i}", GROUND, DryFriction(0.5, 0.4), normal=1.0) for i in range(30)),
+        Force("b0", sine(3.0, 0.5)),
+    )
+    system = compiled(scene)
+    gc.collect()
+    gc.disable()
+    try:
+        for method in ("auto", "BDF", "Adams"):
+            assert simulate(scene, (0.0, 3.0), method=method).events
+        alive = [type(x) for x in gc.get_objects()]
+        of_run = {Run, Local, Parts, Due, Series, Cvode, Motion} & set(alive)
+        equations = weakref.ref(equations_in(np.ones(30, dtype=np.int8), system))
+        system.remembered.cache_clear()
+        assert equations() is None
+    finally:
+        gc.enable()
+    assert not of_run
