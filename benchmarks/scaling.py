@@ -1,10 +1,11 @@
-"""How the work grows with the size of a scene: wheels, blocks on a belt, shaken ones too, wagons, and pre-slip.
+"""How the work grows with the size of a scene: wheels, blocks on a belt, wagons, and pre-slip.
 
     python -m benchmarks.scaling [--quick]
 
 Every size runs in a process of its own, for its peak memory. Wheels: inertia 1, free ends, friction between
 neighbours, to the standstill of all interfaces; their last velocity must be the average of the first ones.
 Blocks: each tied by springs to its two neighbours and to a plate at rest, on a belt that moves steadily.
+Watched: the same blocks with an event of the user that watches the first.
 Shaken: the same blocks with a sine among the forces on each.
 Wagons: a train with play between its wagons, which roll at unequal speeds and rub on the rails.
 Pre-slip: the same chains of wheels on the linear law, time per step.
@@ -24,7 +25,21 @@ from typing import Any
 
 import numpy as np
 
-from stickslip import GROUND, Body, Contact, Drive, DryFriction, Force, Gap, Scene, Spring, simulate, sine
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Gap,
+    Scene,
+    Spring,
+    When,
+    position,
+    simulate,
+    sine,
+)
 
 WHEELS = (10, 100, 1000, 10_000)
 BLOCKS = (10, 100, 1000)
@@ -107,9 +122,11 @@ def measure(kind: str, n: int) -> Measured:
         scene, stop = blocks(n, PUSH if kind == "shaken" else 0.0), BLOCKS_STOP
     if kind == "pre-slip":
         scene = scene.regularized(PRE_SLIP_VELOCITY)
-    small: dict[str, Any] = {"rtol": 1e-6, "atol": 1e-8} if kind == "pre-slip" else {}
+    options: dict[str, Any] = {"rtol": 1e-6, "atol": 1e-8} if kind == "pre-slip" else {}
+    if kind == "watched":
+        options = {"events": [When("passes", position("b0") - 0.7)]}
     before = clock.perf_counter()
-    result = simulate(scene, (0.0, stop), t_eval=[stop], dense_output=False, **small)
+    result = simulate(scene, (0.0, stop), t_eval=[stop], dense_output=False, **options)
     seconds = clock.perf_counter() - before
     error = math.nan
     last = result.y[:n, -1]
@@ -145,6 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     kinds = (
         ("wheels", WHEELS),
         ("blocks", BLOCKS),
+        ("watched", BLOCKS),
         ("shaken", SHAKEN),
         ("wagons", WAGONS),
         ("pre-slip", PRE_SLIP),

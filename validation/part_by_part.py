@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
@@ -26,8 +26,11 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    When,
+    feedback,
     piecewise_linear,
     position,
+    relative_velocity,
     simulate,
     sine,
     velocity,
@@ -73,9 +76,9 @@ def both(scene: Scene, stop: float, knots: bool = False, **options: Any) -> tupl
         return local, simulate(scene, (0.0, stop), t_eval=times, **options)
 
 
-def difference(scene: Scene, stop: float = STOP, knots: bool = False) -> float:
+def difference(scene: Scene, stop: float = STOP, knots: bool = False, events: Sequence[When] = ()) -> float:
     """Return how far a scene followed part by part is from the same as a whole, in parts of what roundoff may leave."""
-    local, whole = both(scene, stop, knots)
+    local, whole = both(scene, stop, knots, events=events)
     return difference_of(local, whole)
 
 
@@ -100,6 +103,15 @@ def difference_of(local: Result, whole: Result) -> float:
         # levels that rise with the time at rest are as exact as the times of events; many are infinite
         alike = np.allclose(local.breakaway(name), whole.breakaway(name), rtol=1e-9, atol=0.0)
         require(bool(alike), f"other levels of {name}")
+    names = {row.name for row in whole.scene.rows}
+    of_user = [
+        sorted((e.contact, e.before, e.after, e.cause, e.t) for e in result.events if e.contact not in names)
+        for result in (local, whole)
+    ]
+    mine, others = ([event[:-1] for event in events] for events in of_user)
+    require(mine == others, f"events of the user: {mine} part by part, {others} as a whole")
+    t, t_whole = ([event[-1] for event in events] for events in of_user)
+    differences.append(worst(t, t_whole, stop) / EVENTS)
     return max(differences)
 
 
@@ -271,6 +283,29 @@ def with_machines(scene: Scene, seed: int) -> Scene:
     return Scene(*elements)
 
 
+def watched(scene: Scene, seed: int) -> list[When]:
+    """Return events of the user for a scene: velocities, positions, differences and products; few stop the run."""
+    rng = np.random.default_rng(seed + 77)
+    names, rows = [body.name for body in scene.bodies], [row.name for row in scene.rows]
+
+    def quantity() -> Any:
+        a, b = (str(name) for name in rng.choice(names, 2))
+        level = float(0.3 * rng.normal())
+        return [
+            velocity(a) - level,
+            position(b) - level,
+            velocity(a) - velocity(b) - level,
+            relative_velocity(str(rng.choice(rows))) if rows else velocity(b),
+            feedback(lambda v, x: v * x - 0.01, velocity(a), position(b)),
+            velocity(a) - sine(0.3, 2.0),
+        ][int(rng.integers(6))]
+
+    return [
+        When(f"event {k}", quantity(), direction=int(rng.integers(-1, 2)), stop=bool(rng.random() < 0.15))
+        for k in range(int(rng.integers(1, 5)))
+    ]
+
+
 def machine(family: str, number: int, prefix: str) -> list[Any]:
     """Return the elements of a machine, with a prefix before all names but that of the ground."""
     return [_named(one, prefix) for one in scene_of(MACHINES[family][0](number), order=None).elements]
@@ -315,7 +350,7 @@ def trees_with_machines(number: int) -> Scene:
 
 @dataclass(frozen=True)
 class Family:
-    """How scenes are drawn, and with which options of `difference` they are compared.
+    """How scenes are drawn, and with which options of `difference` and events of the user they are compared.
 
     `left_out` are numbers of scenes that roundoff decides, whichever way they are followed, or that end in an error.
     """
@@ -324,6 +359,11 @@ class Family:
     scene: Callable[[int], Scene]
     options: dict[str, Any] = field(default_factory=dict)
     left_out: tuple[int, ...] = ()
+    events: Callable[[Scene, int], list[When]] = lambda scene, number: []
+
+    def difference(self, scene: Scene, number: int) -> float:
+        """Return how far a scene with a number of its own is from the same as a whole."""
+        return difference(scene, **self.options, events=self.events(scene, number))
 
 
 JAMMED = (50, 103, 137, 304, 384)
@@ -355,6 +395,7 @@ FAMILIES = {
         {"knots": True},
         JAMMED + HARDLY_TOUCHES + BOUNCES,
     ),
+    "watched": Family("trees with gaps and events of the user", trees_with_gaps, events=watched),
 }
 
 
@@ -372,7 +413,7 @@ def _differences(family: str, count: int) -> Tried:
     scenes = ((number, draw(family, number)) for number in range(count))
     return try_each(
         (
-            (f"{family} {number}", partial(difference, scene, **FAMILIES[family].options))
+            (f"{family} {number}", partial(FAMILIES[family].difference, scene, number))
             for number, scene in scenes
             if scene is not None
         ),

@@ -175,6 +175,11 @@ class System:
         places = [at for forms in read for at in forms.places.tolist()]
         self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
         """The nodes that act and on which observed quantities depend."""
+        self.observed_states = np.unique(np.concatenate([forms.columns for forms in read]))
+        beside = {*range(first_of_node[acting], self.first_drive), self.inputs - 1}
+        self.observes_inputs = not beside.issuperset(places)
+        """Whether an observed quantity reads loads or drives; functions of states are none."""
+        self.observes_heat = self._only_observed.has_heat
 
     def _number_inputs(self, book: Book, forces: Sequence[Signal]) -> None:
         """Number the inputs: normal forces, forces, signals, functions, velocities and accelerations of drives, 1."""
@@ -420,11 +425,14 @@ class System:
         return after
 
     def observed_values(
-        self, q: Array, y: Array, t: Array, taus: Array, motion: Friction
+        self, q: Array, y: Array, sizes: Array, t: Array, taus: Array, motion: Friction
     ) -> tuple[Array, Array]:
-        """Return the observed quantities at many times, a line each, and what adds up in them."""
+        """Return the observed quantities at many times, a line each, and what adds up in them.
+
+        `sizes` are what adds up in the states.
+        """
         self._only_observed.fill(q, y, t, taus, motion)
-        return self._observed.at(y, q), self._observed.sizes(np.abs(y), np.abs(q))
+        return self._observed.at(y, q), self._observed.sizes(sizes, q)
 
     def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
         """Return the outputs of a block that is not sampled, a line each, at many times."""

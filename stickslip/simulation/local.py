@@ -30,6 +30,7 @@ from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.borders import TOGETHER
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.timeline import Timeline
+from stickslip.simulation.watching import Watch
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""
@@ -49,14 +50,15 @@ class Ending(NamedTuple):
     situation: Situation
     is_whole: bool  # as a whole
     crossed: Indices  # borders of stops that have been found at 0
+    stopped: str | None = None  # the user's event that stops the run there
 
 
 class Local:
     """Follows the motion of a scene part by part.
 
     Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. The timeline is
-    told of every event. What moves without friction may relax to rest within the `margin`: there the whole scene is
-    asked.
+    told of every event, and the user's events are looked for between these. What moves without friction may relax to
+    rest within the `margin`: there the whole scene is asked.
     """
 
     def __init__(
@@ -66,13 +68,16 @@ class Local:
         interruption: Interruption,
         recorder: Recorder,
         timeline: Timeline,
+        watch: Watch | None,
         margin: Array,
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
         self._knots = Knots(forest)
-        self._recorder, self._timeline, self._margin = recorder, timeline, margin
+        self._recorder, self._timeline, self._watch = recorder, timeline, watch
+        self._margin = margin
         self.most_guards = self._held = self._most_held = self._armed = 0
         self._opened, self._any_slick = _NONE, False
+        self._stopped: str | None = None
 
     @property
     def modes(self) -> Modes:
@@ -115,6 +120,7 @@ class Local:
         self._held = motion.equations.dependent.size
         moving, held = np.abs(parts.mode) == 1, parts.mode == 0
         self._armed = int(np.count_nonzero(moving) + np.count_nonzero(due.bounds[:, held]))
+        self._seen = motion.t
         self._begin(motion.t)
         started = guards.row[(guards.order == 1) & guards.is_velocity]
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
@@ -135,6 +141,8 @@ class Local:
             j = int(due.argmin()) if due.size else 0
             t = float(due[j]) if due.size else parts.stop
             if t >= parts.end:
+                if self._stops_until(parts.end):
+                    return self._ending(self._seen, _NONE, False)
                 if parts.end >= parts.stop:
                     return self._ending(parts.stop, _NONE, False)
                 self._renew(parts.end)
@@ -151,6 +159,8 @@ class Local:
                     self._due.refine(k)
                 if rough.size:
                     continue
+            if self._stops_until(t):
+                return self._ending(self._seen, _NONE, False)
             if parts.stop - t <= TOGETHER * abs(parts.stop):
                 # the break itself: what was added up to it has been rounded
                 return self._ending(parts.stop, near, self._any_gap(near))
@@ -162,6 +172,20 @@ class Local:
             if self._bad.size:
                 return self._ending(t, _NONE, True)
         return self._ending(self._last, _NONE, False)
+
+    def _stops_until(self, t: float) -> bool:
+        """Note the events of the user up to a change at time `t`, and tell whether one stops the run before it."""
+        watch, begin = self._watch, self._seen
+        self._seen = t
+        if watch is None or t <= begin:
+            return False
+        for one in watch.crossings_of_parts(self._now.motion, self._parts, begin, t):
+            at = min(begin + one.tau, t)
+            self._recorder.note_user(at, one.event.name, one.sign, one.stays)
+            if one.event.stop:
+                self._seen, self._stopped = at, one.event.name
+                return True
+        return False
 
     def _renew(self, t: float) -> None:
         """Expand all anew whose series end at `t`."""
@@ -450,4 +474,4 @@ class Local:
         since = np.where(parts.label == 0, parts.since, t)
         regions = parts.elastic.region.copy()
         situation = Situation(t, y, parts.label.copy(), since, touching, fired, largest, regions)
-        return Ending(situation, is_whole, np.array(crossed, dtype=np.intp))
+        return Ending(situation, is_whole, np.array(crossed, dtype=np.intp), self._stopped)

@@ -78,7 +78,7 @@ class Run:
         self._local: Local | None = None
         if forest is not None:
             self._local = Local(
-                forest, engine.work, task.interruption, recorder, self.timeline, wanted.margin
+                forest, engine.work, task.interruption, recorder, self.timeline, watch, wanted.margin
             )
         # the fastest that a solver has seen of each body, how far states were from those at the start, and what adds
         # up in rates
@@ -213,13 +213,13 @@ class Run:
     def _go_on_from_parts(self, now: Settled, local: Local, ending: Ending) -> None:
         """Settle the whole scene where what was followed part by part has come to."""
         motion = now.motion
-        end, self._as_a_whole, crossed = ending
+        end, self._as_a_whole, crossed, self.stopped = ending
         assert end.labels is not None
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before, hit = end.t, end.labels, bool(end.fired.any())
         self.now = replace(now, labels=before)
         self.timeline.go_to(t, hit)
-        if self.timeline.is_over or self._interruption.pressed:
+        if self.stopped is not None or self.timeline.is_over or self._interruption.pressed:
             return
         self.timeline.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)

@@ -148,7 +148,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
             exact_at_rest=exact_at_rest,
         )
         watch = Watch(system, user_events, loads, span.is_stepped) if user_events else None
-        in_parts = name == "series" and max_step == math.inf and watch is None
+        in_parts = name == "series" and max_step == math.inf and (watch is None or watch.reads_series)
         one = Run(
             task,
             chosen.make(task),

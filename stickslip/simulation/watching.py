@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stickslip.engines.part_by_part.parts import Parts
 from stickslip.equations.loads.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
@@ -56,11 +57,39 @@ class Watch:
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation."""
-        edges, values, sizes = self._parts(motion, path)
+        return self._between(path.taus, lambda taus: self._values(motion, path, taus))
+
+    @property
+    def reads_series(self) -> bool:
+        """Whether the quantities follow from states and loads: friction belongs to the modes of the whole scene."""
+        return not self._system.observes_heat
+
+    def crossings_of_parts(self, motion: Motion, parts: Parts, begin: float, end: float) -> list[Crossing]:
+        """Return the same of a scene that is followed part by part, between two changes of its series.
+
+        `motion` is where the parts have begun. Local times run from `begin`.
+        """
+        system = self._system
+
+        def values(taus: Array) -> tuple[Array, Array]:
+            t = begin + taus
+            (y, sizes), since = parts.some_states(system.observed_states, t), t - motion.t
+            if system.observes_inputs:
+                q = motion.inputs(since, y, system.for_observed)[: system.inputs]
+            else:
+                q = np.zeros((system.inputs, t.size))
+                q[-1] = 1.0
+            return system.observed_values(q, y, sizes, t, since, motion)
+
+        return self._between(np.array([0.0, end - begin]), values)
+
+    def _between(self, ends: Array, values: Callable[[Array], tuple[Array, Array]]) -> list[Crossing]:
+        """Return the events between the `ends` of steps; in these the quantities are smooth."""
+        edges, at_nodes, sizes = self._parts(ends, values)
         found: list[Crossing] = []
         for k in range(len(self._events)) if edges.size > 1 else ():
             size = float(sizes[k].max(initial=0.0))
-            found += self._of_event(k, edges, values[k], size, self._along(motion, path, k))
+            found += self._of_event(k, edges, at_nodes[k], size, _one(values, k))
         wanted = [one for one in found if one.event.direction in (0, one.sign)]
         wanted.sort(key=lambda one: one.tau)
         stops = [one for one in wanted if one.event.stop]
@@ -107,18 +136,20 @@ class Watch:
         self._signs[k], self._died[k] = sign, at_0[-1]
         return found
 
-    def _parts(self, motion: Motion, path: Path) -> tuple[Array, Array, Array]:
-        """Return the ends of parts of a path, the quantities in each at Chebyshev points, and what adds up in them.
+    def _parts(
+        self, ends: Array, values_at: Callable[[Array], tuple[Array, Array]]
+    ) -> tuple[Array, Array, Array]:
+        """Return the ends of parts of steps, the quantities in each at Chebyshev points, and what adds up in them.
 
         Steps are halved in which a quantity is not the polynomial through these values, unless it is far from 0.
         """
-        edges = np.union1d(path.taus, self._loads.periods(0.0, float(path.taus[-1]), _PARTS))
+        edges = np.union1d(ends, self._loads.periods(0.0, float(ends[-1]), _PARTS))
         nodes, to_series = chebyshev_nodes(DEGREE), from_nodes(DEGREE)
         left, length = edges[:-1], np.diff(edges)
         done: list[tuple[Array, Array, Array]] = []
         for count in range(_HALVINGS + 1):
             taus = left[:, None] + length[:, None] * nodes
-            values, sizes = self._values(motion, path, taus.ravel())
+            values, sizes = values_at(taus.ravel())
             values, sizes = (one.reshape(len(self._events), *taus.shape) for one in (values, sizes))
             done.append((left, values, sizes))
             c = np.abs(values @ to_series.T)
@@ -140,10 +171,12 @@ class Watch:
         """Return the quantities at local times, a line each, and what adds up in them."""
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
-        return self._system.observed_values(q, y, motion.t + taus, taus, motion)
+        return self._system.observed_values(q, y, y, motion.t + taus, taus, motion)
 
-    def _along(self, motion: Motion, path: Path, k: int) -> Callable[[float], float]:
-        return lambda tau: float(self._values(motion, path, np.array([tau]))[0][k, 0])
+
+def _one(values: Callable[[Array], tuple[Array, Array]], k: int) -> Callable[[float], float]:
+    """Return one quantity as a function of the local time."""
+    return lambda tau: float(values(np.array([tau]))[0][k, 0])
 
 
 def _first_at_0(value: Callable[[float], float], left: float, right: float, noise: float) -> float:

@@ -272,6 +272,37 @@ class Parts:
             y[system.carried_state] = self.prescribed.drives.positions(system.carried, np.array([t]))[:, 0]
         return y
 
+    def some_states(self, states: Indices, times: Array) -> tuple[Array, Array]:
+        """Return states at many times, a column each, from the series that hold now, and what adds up in them.
+
+        All other states are 0.
+        """
+        system, n, speed = self.system, self.system.n, self.speed
+        y, sizes = np.zeros((2, system.size, times.size))
+        bodies = states[states < n]
+        y[bodies], sizes[bodies] = self._along(self.velocity[bodies], bodies, times), speed[bodies, None]
+        places = states[(states >= n) & (states < n + system.moved.size)]
+        bodies = system.moved[places - n]
+        rates = self._along(self.velocity[bodies] * self._inverse[:-1], bodies, times)
+        since, start = times - self.origin[bodies, None], self.position[bodies, None]
+        y[places] = start + since * rates
+        sizes[places] = np.abs(start) + since * speed[bodies, None]
+        places = states[states >= n + system.moved.size]
+        if places.size:
+            drives = system.carried[places - n - system.moved.size]
+            y[places] = self.prescribed.drives.positions(drives, times)
+            sizes[places] = np.abs(y[places])
+        return y, sizes
+
+    def _along(self, series: Array, bodies: Indices, times: Array) -> Array:
+        """Return the values of one series of each body at many times."""
+        s = (times - self.origin[bodies, None]) / self.unit
+        found = np.zeros(s.shape)
+        for c in series.T[::-1]:
+            found *= s
+            found += c[:, None]
+        return found
+
     # -- patches ---------------------------------------------------------------------------------------------
 
     def reach(self, groups: list[int]) -> Indices:

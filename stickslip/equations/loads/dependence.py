@@ -57,8 +57,8 @@ class Forms:
         return self.S @ y[self.columns] + self.P @ q[self.places]
 
     def sizes(self, y: Array, q: Array) -> Array:
-        """Return what adds up in them, from absolute values."""
-        return np.abs(self.S) @ y[self.columns] + np.abs(self.P) @ q[self.places]
+        """Return what adds up in them."""
+        return np.asarray(np.abs(self.S) @ np.abs(y[self.columns]) + np.abs(self.P) @ np.abs(q[self.places]))
 
     def slopes(self, columns: Indices, q_by_y: Array) -> Array:
         """Return the derivatives with respect to some states, from those of the inputs."""
