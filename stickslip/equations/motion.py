@@ -309,7 +309,9 @@ class Motion(Inputs):
         `hit` and `touched` say why it ends there.
         """
         cut = path.cut(tau) if tau > 0 else path.until(0)
-        last = self.exact(tau, cut.last)
+        last, clocked = self.exact(tau, cut.last), self.system.clocked
+        # samples change them, and nothing else: not even roundoff
+        last[clocked] = self.y[clocked]
         return Path(cut.taus, cut.coefficients, last, hit, cut.is_chebyshev, touched)
 
     def jacobian(self, tau: float, y: Array) -> Any:

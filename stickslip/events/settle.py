@@ -53,17 +53,29 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
         return None
     modes, closed = motion.equations.modes, _closed(system, stretch, t, q)
     changes = (modes == OPEN) == closed
-    moves = (np.abs(modes) == 1) | (modes == OPEN) | changes
-    w, rough = _relative(system, y, largest, t, q)
-    if now.guards.velocity_uncertainty is not None:
-        rough = np.maximum(rough, now.guards.velocity_uncertainty)
-    if np.count_nonzero(moves & (np.abs(w) <= rough)):
+    if _rests(now, t, y, largest, q, changes):
         return None
     if not np.count_nonzero(changes):
         return modes
     if np.count_nonzero(changes & ~system.hard):
         return None
     return np.where(changes, np.where(closed, now.labels, OPEN), modes).astype(np.int8)
+
+
+def comes_to_rest(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:
+    """Tell whether a row that moves is at rest at the end of a motion, but for roundoff."""
+    return _rests(now, t, y, largest, stretch.at(t), np.zeros(now.labels.size, dtype=bool))
+
+
+def _rests(now: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask) -> bool:
+    """Tell whether a row that moves, or one of some others, is at rest at the end of a motion."""
+    motion = now.motion
+    modes = motion.equations.modes
+    moves = (np.abs(modes) == 1) | (modes == OPEN) | others
+    w, rough = _relative(motion.system, y, largest, t, q)
+    if now.guards.velocity_uncertainty is not None:
+        rough = np.maximum(rough, now.guards.velocity_uncertainty)
+    return bool(np.count_nonzero(moves & (np.abs(w) <= rough)))
 
 
 def all_pressed(system: System, stretch: Stretch, t: float) -> bool:

@@ -209,9 +209,11 @@ class Feedback(Quantity):
             else:
                 found = np.array([float(one(*arguments)) for one in given])
         except Exception as error:
-            raise ValueError(f"its derivatives raised {error!r}") from error
+            raise ValueError(f"has derivatives that raised {error!r}") from error
         if found.shape != (len(arguments),) or not np.isfinite(found).all():
-            raise ValueError(f"its derivatives returned {found!r}; return {len(arguments)} finite numbers")
+            raise ValueError(
+                f"has derivatives that returned {found.tolist()!r}, but {len(arguments)} finite numbers are needed"
+            )
         return found
 
 

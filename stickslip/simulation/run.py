@@ -33,6 +33,7 @@ from stickslip.events.settle import (
     Settled,
     all_pressed,
     carried_on,
+    comes_to_rest,
     inputs_before,
     modes_after_break,
     settle,
@@ -269,6 +270,9 @@ class Run:
         # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
         if t < now.motion.stretch.stop or self.loads.goes_on(t):
             following = modes if modes.max(initial=0) < OPEN and all_pressed(self.system, after, t) else None
+            # a sample may push back what comes to rest there
+            if self.loads.goes_on(t) and comes_to_rest(now, after, t, path.last, path.largest):
+                following = None
         else:
             following = modes_after_break(now, after, t, path.last, path.largest)
         if following is None:

@@ -10,7 +10,20 @@ import numpy as np
 import pytest
 import scipy
 
-from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
+from stickslip import (
+    GROUND,
+    TIME,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Scene,
+    StateSpace,
+    feedback,
+    output,
+    position,
+    simulate,
+)
 from stickslip.engines.solvers.follow import Lookout
 from stickslip.engines.solvers.sundials import CVODE
 from stickslip.engines.solvers.through_points import path_through, through_points
@@ -53,6 +66,45 @@ def test_between_the_points_of_cvode_the_error_is_that_of_the_points(
     times, values = between(found.t, coefficients)
     at_points = np.abs(found.y - exact(found.t).T).max()
     assert np.abs(values - exact(times).T).max() <= 1.1 * at_points + rtol
+
+
+def test_steps_of_adams_methods_are_foreseen_from_rates() -> None:
+    """``x'' = t^5 / 10`` from -3 m/s: the last two steps are long, and few points before them tell how they bend."""
+    times = np.linspace(0.0, 3.0, 301)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=-3.0),
+        Force("m", feedback(lambda t, x: 0.1 * t**5, TIME, position("m"))),
+    )
+    result = simulate(scene, (0.0, 3.0), method="Adams", t_eval=times)
+    assert result.stats["steps"] < 100
+    np.testing.assert_allclose(result.position("m"), -3.0 * times + times**7 / 420, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(result.velocity("m"), -3.0 + times**6 / 60, rtol=0, atol=2e-7)
+
+
+@pytest.mark.parametrize("rtol", [4e-8, 1e-8, 5e-9, 1e-10])
+def test_corners_within_long_steps_of_adams_methods_are_as_exact(rtol: float) -> None:
+    """Two limited controllers push a block, as by the series: what begins at a corner begins where that was found."""
+    integral = {"A": [[0.0]], "B": [[1.0]], "C": [[1.0]], "D": [[1.0]], "limits": [(-2.0, 2.0)]}
+    scene = Scene(
+        Body("m", inertia=0.5, velocity=-2.0),
+        StateSpace("ramp", inputs=[TIME], **integral),
+        StateSpace("pi", inputs=[1.0 - position("m")], **integral),
+        Force("m", output("ramp") + output("pi") - 1.0),
+        Contact("c", "m", GROUND, DryFriction(0.75, 0.5), normal=1.0),
+    )
+    times = np.linspace(0.0, 4.0, 401)
+    exact = simulate(scene, (0.0, 4.0), method="series", t_eval=times)
+    found = simulate(scene, (0.0, 4.0), method="Adams", t_eval=times, rtol=rtol, atol=0.01 * rtol)
+    assert np.abs(found.velocity("m") - exact.velocity("m")).max() < 30 * rtol
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_rates_make_a_cubic_of_one_step(count: int) -> None:
+    taus = np.array([0.0, 1.0, 1.5])[:count]
+    points = np.stack([taus**3, 1.0 - taus], axis=1)
+    slopes = np.stack([3 * taus**2, -np.ones(count)], axis=1)
+    times, values = between(taus, through_points(taus, points, (1e-8, 1e-10), 12, lambda k: slopes[k]))
+    np.testing.assert_allclose(values, np.stack([times**3, 1.0 - times], axis=1), rtol=0, atol=1e-14)
 
 
 def error(taus: Array, function: Any, rtol: float = 1e-8, degree: int = 6) -> Array:

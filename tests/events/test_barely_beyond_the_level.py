@@ -130,3 +130,25 @@ def test_a_stop_is_lifted_twice_and_closes_again(lift: float) -> None:
             assert result.mode("seat")[-1] == Mode.FORWARD
             assert abs(result.position("lid")[-1] - 1.0) < 1e-9
             assert result.stats["restarts"] < MOST_RESTARTS
+
+
+@pytest.mark.parametrize("slope", [2.0, 12.0, 50.0])
+@pytest.mark.parametrize("beyond", [1e-11, 3e-10, 1e-9, 2e-9, 8e-9, 1e-7])
+def test_rest_under_a_load_just_beyond_the_level_that_falls_back(slope: float, beyond: float) -> None:
+    """At rest at 1 s under ``-1 - d + s (t - 1)`` N, level 1 N: backward for ``2 d / s``, or not at all."""
+    load = piecewise_linear([0.0, 1.5], [-1.0 - beyond - slope, -1.0 - beyond + 0.5 * slope])
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=2.0 + beyond + slope / 2),
+        Contact("rub", "block", GROUND, DryFriction(1.0, 1.0), normal=1.0),
+        Force("block", load),
+    )
+    for way in ({}, *SOLVERS[1:], {"method": "BDF"}):
+        result = simulate(scene, (0.0, 1.03), **way)
+        first, last = result.events[0], result.events[-1]
+        assert first.t == pytest.approx(1.0, abs=1e-7) and last.after == 0
+        longest = 2.2 * beyond / slope
+        if way == SOLVERS[2]:
+            # IDA tells a velocity from 0 where it is beyond 100 times its tolerance, here of the speed at the start
+            longest += math.sqrt(2.2e-6 * (2.0 + slope / 2) / slope)
+        assert 0.0 <= last.t - first.t <= longest
+        assert result.velocity("block")[-1] == 0.0

@@ -29,6 +29,7 @@ from stickslip import (
     output,
     position,
     power,
+    saturate,
     simulate,
     sine,
     step,
@@ -92,6 +93,53 @@ def test_sampled_servo(way: dict[str, Any]) -> None:
     held = result.sample([0.05, 0.0999, 0.1]).output("servo")
     assert held[0] == held[1] == -6.0
     assert held[2] == pytest.approx(-3.0 * (2.0 - 0.65))
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "Adams"}])
+def test_a_sample_pushes_in_the_instant_in_which_a_body_comes_to_rest(way: dict[str, Any]) -> None:
+    """2 m/s are gone at 1 s, where a controller begins to push with 2.5 N: 3 N hold the body, as beside a step."""
+    push = Sampled("push", period=0.5, inputs=[TIME], output=lambda t, x, u: 2.5 if t > 0.9 else 0.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=2.0),
+        Contact("c", "m", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+        push,
+        Force("m", output("push")),
+    )
+    result = simulate(scene, (0.0, 2.0), **way)
+    assert [(e.contact, e.after) for e in result.events] == [("c", 0)]
+    assert result.events[0].t == pytest.approx(1.0, abs=1e-8)
+    assert result.velocity("m")[-1] == 0.0
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "Adams"}])
+def test_states_of_a_controller_have_no_roundoff(way: dict[str, Any]) -> None:
+    """Corners of limits lie between the samples: what `update` and `output` returned is what comes back."""
+    seen: list[tuple[float, float, float]] = []
+
+    def read(t: float, x: Any, u: Any) -> float:
+        seen.append((t, float(x[0]), float(u[0])))
+        return 0.0
+
+    ends = (-1.0, 1.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=2.0),
+        Force("m", saturate(2.0 - 3.0 * position("m"), *ends) + saturate(2.0 - 3.0 * velocity("m"), *ends)),
+        Sampled("held", period=0.5, inputs=[TIME], output=lambda t, x, u: 3.0),
+        Sampled(
+            "count",
+            period=0.5,
+            inputs=[output("held")],
+            states=[7.0],
+            update=lambda t, x, u: [x[0] + 1.0],
+            output=read,
+        ),
+        Force("m", output("held") + output("count") - 3.0),
+    )
+    result = simulate(scene, (0.0, 3.9), **way)
+    assert [x for _, x, _ in seen] == [7.0 + k for k in range(8)]
+    assert {u for t, _, u in seen if t > 0} == {3.0}
+    blocks = {b.name: b for b in result.final_scene().elements if isinstance(b, Sampled)}
+    assert blocks["held"].held == (3.0,) and blocks["count"].states == (15.0,)
 
 
 def test_a_sample_reads_left_limits() -> None:

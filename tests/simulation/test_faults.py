@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import scipy
 
 from stickslip import (
     GROUND,
@@ -333,3 +334,27 @@ def test_a_dwell_below_the_roundoff_of_the_time_is_refused() -> None:
     ):
         simulate(scene, (0.0, 50.0))
     assert simulate(scene, (0.0, 0.1)).success
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_a_curve_is_needed_at_speeds_of_the_motion_only(method: str) -> None:
+    """Steps overshoot rest by far; a curve that ends at 2 m/s is enough for a body that never has more than 1 m/s.
+
+    From 1 m/s it comes to rest after the integral of ``1 / (g mu_k(w))``.
+    """
+
+    def curve(speed: float) -> float:
+        if speed > 2.0:
+            raise ValueError("not measured")
+        return 0.25 if speed > 0.3 else 0.25 + 0.05 * (1.0 - speed / 0.3) ** 3
+
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.3, 0.1, kinetic=curve), normal=10.0),
+    )
+    (rest,) = simulate(scene, (0.0, 2.0), method=method).events
+    time = scipy.integrate.quad(lambda w: 0.1 / curve(w), 0.0, 1.0, points=[0.3], epsabs=1e-13)[0]
+    assert rest.after == 0 and rest.t == pytest.approx(time, abs=1e-7)
+    too_fast = scene.replace("m", velocity=2.5)
+    with pytest.raises(SimulationError, match=r"kinetic\(2\.\d*\) raised ValueError\('not measured'\)"):
+        simulate(too_fast, (0.0, 2.0), method=method)

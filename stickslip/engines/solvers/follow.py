@@ -29,6 +29,9 @@ _FIRST = 1e-3
 _LOST, _FARTHER = 200, 2.0
 """Steps that are many to be lost, and how many times as far as where the event was to go the next time."""
 
+_ATTEMPTS = 3
+"""How often in a row a solver goes on from a point before one at which something failed."""
+
 _SHORT = (0.9, 0.5, 0.25, 0.1)
 """How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
 
@@ -56,6 +59,8 @@ class Reach:
 
     def __init__(self) -> None:
         self.longest = np.inf
+        self.failed = 0
+        """How often in a row something has failed."""
 
     def note(self, path: Path, missed: float | None) -> None:
         """Note when a path had an event that the solver did not see: where much was lost, the next ones are shorter."""
@@ -119,7 +124,7 @@ def follow(
 
     ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
     """
-    path = _protected(motion, min(horizon, reach.longest), solve, interruption)
+    path = _protected(motion, min(horizon, reach.longest), solve, interruption, reach)
     if not guards.size or path.taus.size < 2:
         return path
     along = Along(motion, guards, path)
@@ -133,9 +138,17 @@ def follow(
 
 
 def _protected(
-    motion: Motion, horizon: float, solve: Callable[[float, Progress], Path], interruption: Interruption
+    motion: Motion,
+    horizon: float,
+    solve: Callable[[float, Progress], Path],
+    interruption: Interruption,
+    reach: Reach,
 ) -> Path:
-    """Advance; where that fails or is interrupted, hand over what was computed before."""
+    """Advance; where that fails or is interrupted, hand over what was computed before.
+
+    Solvers try states that the motion may not come to, far beyond rest, say. So what fails is asked again with the
+    shorter steps of a new start, from a point shortly before.
+    """
     progress = Progress(horizon, interruption)
     try:
         path = solve(horizon, progress)
@@ -148,8 +161,12 @@ def _protected(
             with contextlib.suppress(Exception):
                 path = solve(short, Progress(short, interruption))
                 break
+        reach.failed += 1
+        if path.taus.size > 1 and reach.failed <= _ATTEMPTS and not isinstance(fault, OutOfReach):
+            return path
         remedy = fault.remedy if isinstance(fault, OutOfReach) else LOOK_AT_SCENE
         raise SolverFailure(str(fault), remedy, path) from fault
     if interruption.pressed:
         raise Interrupted(path)
+    reach.failed = 0
     return path

@@ -5,14 +5,19 @@ tolerances allow. So polynomials through points keep what the tolerances promise
 degree up to which its terms fall: points in a layer that has ended say nothing of what follows, and points behind a
 kink say nothing of what was before. Rates at the points would say less than the points do: they have the errors of the
 states times the Jacobian.
+
+The steps of Adams methods are foreseen from rates, not from points: where few points of unequal steps tell too little,
+the rates at these are asked. They are no worse than the points, for a motion that is not stiff.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 
 from stickslip.engines.work import SolverFailure, grows, within_bounds
 from stickslip.equations.motion import Motion
@@ -34,6 +39,9 @@ _NO_STEP = 1e-6
 _SHORT = 1e-3
 """Part of a step beside it from which on a step is none that tells only roundoff."""
 
+_MOST_WITH_RATES, _ORDER_WITH_RATES = 7, 13
+"""Points around a step whose rates are asked at most, and the order of the polynomial through them."""
+
 _ROUNDOFF = np.finfo(float).eps
 
 _AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)
@@ -51,7 +59,8 @@ def path_through(
     count = max(within_bounds(points), 1)
     is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
-    coefficients = through_points(taus, points, tolerance, _DEGREE[method])
+    rates = None if method == "BDF" else lambda k: motion.rate(float(taus[k]), points[k])
+    coefficients = through_points(taus, points, tolerance, _DEGREE[method], rates)
     path = Path(taus, coefficients, motion.exact(float(taus[-1]), points[-1]), hit, True)
     if not is_finite:
         raise SolverFailure(
@@ -80,11 +89,17 @@ def _apart(taus: Array, points: Array, rtol: float) -> tuple[Array, Array]:
     return taus[kept], points[kept]
 
 
-def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], degree: int) -> Array:
+def through_points(
+    taus: Array,
+    points: Array,
+    tolerance: tuple[float, Any],
+    degree: int,
+    rates: Callable[[int], Array] | None = None,
+) -> Array:
     """Return Chebyshev coefficients (k, order + 1, size) of the states in each of the steps between `taus` (k + 1,).
 
     In each step they are Newton's polynomial: through both its ends and the points around it. Where that leaves more
-    than the tolerance, it is tried on the points on one side alone.
+    than the tolerance, it is tried on the points on one side alone, and then with the `rates` at these, by number.
 
     The tolerance, relative and absolute, is what terms are measured in; `degree` is the highest.
     """
@@ -106,7 +121,46 @@ def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], deg
     basis = np.ones((count, top + 1, top + 1))
     np.cumprod(x[:, :, None] - nodes[:top].T[:, None, :], axis=2, out=basis[:, :, 1:])
     found: Array = (from_nodes(top) @ basis) @ terms.transpose(1, 0, 2)
+    still = rough[error[rough] > 1.0].tolist() if rates is not None else []
+    if still and rates is not None:
+        found = np.pad(found, ((0, 0), (0, max(_ORDER_WITH_RATES - top, 0)), (0, 0)))
+        known = lru_cache(maxsize=None)(rates)
+        for k in still:
+            own, worst = _with_rates(taus, points, known, k, tolerance)
+            if worst < error[k]:
+                found[k] = 0.0
+                found[k, : own.shape[0]] = own
     return found
+
+
+def _with_rates(
+    taus: Array, points: Array, rates: Callable[[int], Array], k: int, tolerance: tuple[float, Any]
+) -> tuple[Array, float]:
+    """Return the Chebyshev coefficients of one step through points and rates around it, and about their error.
+
+    Points are added as long as the polynomial, at first a line, changes less with each; the last change is the error.
+    """
+    length = taus[k + 1] - taus[k]
+    nodes = chebyshev_nodes(_ORDER_WITH_RATES)
+    size = tolerance[0] * np.abs(points[k : k + 2]).max(axis=0) + tolerance[1]
+    before = points[k] + nodes[:, None] * (points[k + 1] - points[k])
+    best, worst = from_nodes(1) @ before[[0, -1]], np.inf
+    for count in range(2, min(_MOST_WITH_RATES, taus.size) + 1):
+        first = min(max(k - (count - 2) // 2, 0), taus.size - count)
+        own = range(first, first + count)
+        both = np.array([line for i in own for line in (points[i], length * rates(i))])
+        places = np.repeat((taus[own] - taus[k]) / length, 2)
+        polynomial = scipy.interpolate.KroghInterpolator(places, both)
+        values = polynomial(nodes)
+        change = float((np.abs(values - before) / size).max())
+        if not change < worst:
+            break
+        if change <= _NEGLIGIBLE:
+            return best, change
+        order = 2 * count - 1
+        best, worst = from_nodes(order) @ polynomial(chebyshev_nodes(order)), change
+        before = values
+    return best, worst
 
 
 def _differences(

@@ -163,8 +163,10 @@ class GuardsAtStart(GuardValues):
             return [ROUNDOFF * majorant[k, i] for k in (1, 2)], 0.0
         # where a load is a function, its slopes are as uncertain as the time
         near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
-        found_at = _AS_FIRED * self._given_at_level(i) if has_fired else 0.0
-        first = max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i]
+        given, adds_up = self._given_at_level(i), float(near[1, i])
+        found_at = _AS_FIRED * given if has_fired else 0.0
+        # what is no longer held because it is beyond its level is pushed: held and moving must not both be denied
+        first = max(AT_LIMIT * (min(adds_up, given) or adds_up), found_at) + ROUNDOFF * majorant[1, i]
         return [first, AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i]], 0.0
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:

@@ -210,8 +210,7 @@ class Dependence:
         try:
             found = node.values(t, arguments)
         except ValueError as error:
-            given = ", ".join(f"{x:.9g}" for x in arguments)
-            raise ValueError(f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})") from error
+            raise ValueError(_told(node, error, t, arguments)) from error
         if len(known) >= _KEPT:
             known.pop(next(iter(known)), None)
         known[key] = found
@@ -377,7 +376,10 @@ class Dependence:
             if node.table is not None:
                 found.append(np.array([[self._line(number, arguments[0], regions)[1]]]))
             elif node.given is not None:
-                found.append(node.given(t, arguments))
+                try:
+                    found.append(node.given(t, arguments))
+                except ValueError as error:
+                    raise ValueError(_told(node, error, t, arguments.tolist())) from error
             elif node.row < 0:
 
                 def function(x: Array, number: int = number) -> Array:
@@ -391,6 +393,12 @@ class Dependence:
 
                 found.append(differences(heat, arguments, q[self._ranges[number]]))
         return found
+
+
+def _told(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -> str:
+    """Return what a function is said to have done, with its element, time and arguments."""
+    given = ", ".join(f"{x:.9g}" for x in arguments)
+    return f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})"
 
 
 def _power(node: Node, x: Array, tau: float, y: Array, friction: Friction | None) -> float:

@@ -112,7 +112,8 @@ class DryFriction(Law):
     mu_static_backward, mu_coulomb_backward : float, optional
         Coefficients for ``w < 0`` of an anisotropic contact.
     kinetic : callable, optional
-        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0.
+        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0. A curve that rises and falls within what a
+        step passes needs `max_step` of `simulate`.
 
     Raises
     ------
