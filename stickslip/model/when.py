@@ -17,6 +17,7 @@ class When(metaclass=NamedArguments):
     stop=True)`` ends a run there. That a quantity leaves 0 again is no event. An event changes nothing in the motion;
     it is located as exactly as a change of mode, noted among the events, and may stop the simulation. A function that
     rises and falls within less than a step needs `max_step` of `simulate`.
+    What is 0 where a run begins or ends has no sign there: a crossing in that instant is no event of either run.
 
     Parameters
     ----------

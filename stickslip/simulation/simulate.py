@@ -17,8 +17,8 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
 from stickslip.events.situation import Inconsistent
-from stickslip.model.arrays import Indices
 from stickslip.model.checks import flag
+from stickslip.model.laws.dry_friction import CurveError
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.when import When
@@ -218,21 +218,22 @@ class _Simulation:
                     if interruption.pressed:
                         raise KeyboardInterrupt
         except SolverFailure as failure:
-            error = self._error(failure.sentence, failure.remedy + self._where_functions_jump, failure.path)
-            raise error from failure.__cause__ or failure
+            cause = failure.__cause__ or failure
+            sentence = self._whose(cause) + failure.sentence
+            raise self._error(sentence, failure.remedy + self._where_functions_jump, failure.path) from cause
         except Inconsistent as conflict:
-            names = self._names(conflict.rows)
+            names = self._names(conflict.rows.tolist())
             message = f"no consistent modes for the contacts {names}" if names else "no consistent modes"
             remedy = "their laws contradict each other: look at their coefficients"
             if math.isfinite(self._task.step):
                 remedy = "shorten the step, or use BDF: a step may have leapt over a pre-slip velocity"
             raise self._error(message, remedy) from conflict
         except Jammed as conflict:
-            names = self._names(conflict.rows)
+            names = self._names(conflict.rows.tolist())
             message = f"no motion is possible: {names} are pressed together by drives or ties"
             raise self._error(message, "use a Gap there, or let the drives leave room") from conflict
         except (ArithmeticError, ValueError) as fault:
-            raise self._error(str(fault), LOOK_AT_SCENE) from fault
+            raise self._error(self._whose(fault) + str(fault), LOOK_AT_SCENE) from fault
         except KeyboardInterrupt as interrupted:
             t = self._keep(interrupted.path) if isinstance(interrupted, Interrupted) else timeline.t
             message = f"interrupted at t = {t:.9g} s"
@@ -244,8 +245,15 @@ class _Simulation:
             return self._result(f"event {run.stopped!r} stopped the simulation at t = {timeline.t:.9g} s", 1)
         return self._result("the end of the time span was reached", 0)
 
-    def _names(self, rows: Indices) -> str:
-        return ", ".join(repr(self._run.system.rows[j].name) for j in rows[:10].tolist())
+    def _whose(self, fault: BaseException) -> str:
+        """Return the contacts whose law has failed, as a message begins with them."""
+        if not isinstance(fault, CurveError):
+            return ""
+        rows = [j for j, law in enumerate(self._run.system.laws.laws) if law.core is fault.law]
+        return f"contact {self._names(rows)}: " if rows else ""
+
+    def _names(self, rows: list[int]) -> str:
+        return ", ".join(repr(self._run.system.rows[j].name) for j in rows[:10])
 
     @property
     def _where_functions_jump(self) -> str:

@@ -83,6 +83,14 @@ def register(law: type[Law]) -> type[Law]:
     return law
 
 
+class CurveError(ValueError):
+    """A kinetic curve gives no coefficient; `law` is the one that has it."""
+
+    def __init__(self, law: DryFriction, told: str) -> None:
+        super().__init__(f"DryFriction: {told}")
+        self.law = law
+
+
 @register
 @dataclass(frozen=True)
 class DryFriction(Law):
@@ -220,9 +228,9 @@ class DryFriction(Law):
         try:
             mu = float(self.kinetic(speed))
         except Exception as error:
-            raise ValueError(f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number") from error
+            raise CurveError(self, f"kinetic({speed:g}) raised {error!r}; return a number") from error
         if not 0 <= mu < math.inf:
-            raise ValueError(f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0")
+            raise CurveError(self, f"kinetic({speed:g}) = {mu:g}; return a finite number, at least 0")
         return mu
 
     def self_energised(self, gain: float) -> DryFriction:
