@@ -79,7 +79,8 @@ class Watch:
             else:
                 q = np.zeros((system.inputs, t.size))
                 q[-1] = 1.0
-            return system.observed_values(q, y, sizes, t, since, motion)
+            at_start = np.abs(motion.start_inputs[: system.inputs, None])
+            return system.observed_values(q, y, (at_start, sizes), t, since, motion)
 
         return self._between(np.array([0.0, end - begin]), values)
 
@@ -171,7 +172,7 @@ class Watch:
         """Return the quantities at local times, a line each, and what adds up in them."""
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
-        return self._system.observed_values(q, y, y, motion.t + taus, taus, motion)
+        return self._system.observed_values(q, y, (np.zeros(1), y), motion.t + taus, taus, motion)
 
 
 def _one(values: Callable[[Array], tuple[Array, Array]], k: int) -> Callable[[float], float]:

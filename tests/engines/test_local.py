@@ -35,6 +35,9 @@ from stickslip import (
     sine,
     velocity,
 )
+from stickslip import (
+    normal as normal_of,
+)
 from stickslip.engines.part_by_part import parts
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
@@ -555,3 +558,37 @@ def test_machines_followed_part_by_part_do_as_their_oracle(family: str) -> None:
     with validation.part_by_part(knots=True):
         for number in (1, 2, 3, 4, LEAVES_SMOOTHLY):
             assert difference(family, "auto", number) < 1e-9
+
+
+def test_a_normal_force_that_touches_0_has_not_come_through_it() -> None:
+    """It falls to 0 N at a break and rises again: what roundoff leaves below 0 is small beside what it was."""
+    for k in range(0, 60, 5):
+        turn, most = 0.8 + 0.013 * k, 7.3 + 0.11 * k
+        normal = piecewise_linear([0.3, turn, 1.7], [most, 0.0, most])
+        scene = Scene(
+            *(Body(f"b{i}", inertia=1.0, velocity=-3.0 + 0.1 * i) for i in range(20)),
+            *(Contact(f"c{i}", f"b{i}", GROUND, DryFriction(0.1, 0.05), normal=normal) for i in range(20)),
+            Force("b0", piecewise_linear([0.37 + 0.003 * k] * 2, [0.0, 0.1])),
+            Force("b0", sine(0.3, 1.0 + 0.1 * k)),
+        )
+        with validation.part_by_part():
+            result = simulate(scene, (0.0, 2.0), events=[When("lost", normal_of("c0"), stop=True)])
+        assert result.status == 0
+
+
+def test_a_velocity_that_touches_0_at_a_break_has_not_come_through_it() -> None:
+    """``v = (t - t0)^2 / 2``, and a break of another load at t0: series begin there with next to nothing."""
+    for k in range(0, 60, 5):
+        turn = 1.1 + 0.0137 * k
+        scene = Scene(
+            Drive("d", velocity=-5.0),
+            Body("b0", inertia=1.0, velocity=0.5 * turn**2),
+            Contact("c0", "b0", "d", DryFriction(0.1, 0.1), normal=13.7),
+            # beside the friction of 1.37 N
+            Force("b0", piecewise_linear([0.0, 4.0], [1.37 - turn, 5.37 - turn])),
+            *(one for one in sliders(20).elements if one.name not in ("b0", "c0", "belt")),
+            Force("b3", piecewise_linear([turn / 3, turn / 3, turn, turn], [0.0, 0.1, 0.1, 0.2])),
+        )
+        with validation.part_by_part():
+            result = simulate(scene, (0.0, 3.5), events=[When("turned", velocity("b0"), stop=True)])
+        assert result.status == 0

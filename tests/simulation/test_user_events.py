@@ -37,6 +37,7 @@ from stickslip import (
     saturate,
     simulate,
     sine,
+    table,
     velocity,
 )
 
@@ -305,3 +306,21 @@ def test_a_stop_that_closes_brings_a_velocity_to_0() -> None:
     result = simulate(scene, (0.0, 4.0), events=[When("v", velocity("ball"))])
     assert (result.events[-1].contact, result.events[-1].cause) == ("v", "rose to 0")
     assert abs(result.events[-1].t - 3.0) < 1e-9
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("start", [0.5, 0.513, 0.526, 0.539])
+def test_the_edge_of_a_dead_band_is_no_event(way: dict[str, Any], start: float) -> None:
+    """A block that never moves backward is let go and sticks again: what cuts velocities off at 0 gives 0 all along."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+        Force("b", piecewise_linear([start, start, start + 0.3, start + 0.3], [0.0, 4.0, 4.0, 0.0])),
+    )
+    v = velocity("b")
+    events = [
+        When("cut off", saturate(v, -1.0, 0.0), stop=True),
+        When("dead band", table(v, [-1.0, 0.0, 1.0], [-1.0, 0.0, 0.0]), stop=True),
+    ]
+    result = simulate(scene, (0.0, 2.0), events=events, **way)
+    assert [(e.contact, e.after) for e in result.events] == [("c", 1), ("c", 0)] and result.status == 0

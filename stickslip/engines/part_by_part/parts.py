@@ -77,7 +77,10 @@ class Parts:
         Whether there are such rows.
     elastic : Elastic
         What gaps do.
-    knots : list of Knot
+    groups : Groups
+        Which bodies move together.
+    prescribed : Prescribed
+        What loads and drives do.
     end : float
         Until when series of what springs and dampers move hold.
     """
@@ -280,7 +283,8 @@ class Parts:
         system, n, speed = self.system, self.system.n, self.speed
         y, sizes = np.zeros((2, system.size, times.size))
         bodies = states[states < n]
-        y[bodies], sizes[bodies] = self._along(self.velocity[bodies], bodies, times), speed[bodies, None]
+        y[bodies] = self._along(self.velocity[bodies], bodies, times)
+        sizes[bodies] = np.maximum(np.abs(y[bodies]), speed[bodies, None])
         places = states[(states >= n) & (states < n + system.moved.size)]
         bodies = system.moved[places - n]
         rates = self._along(self.velocity[bodies] * self._inverse[:-1], bodies, times)

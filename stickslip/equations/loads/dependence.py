@@ -313,6 +313,13 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
+    def sizes_of_tables(self, q: Array, y: Array) -> Array:
+        """Return what adds up in inputs `q`, tables among them: these are as rough as what they are looked up at."""
+        for k in self.tables:
+            steepest = np.abs(self._lines[k][:, 1]).max()
+            q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].sizes(y, q))
+        return q
+
     def add_sizes(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
         """Add what adds up in the inputs, in place.
 
