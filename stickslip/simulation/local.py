@@ -30,7 +30,7 @@ from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.borders import TOGETHER
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.timeline import Timeline
-from stickslip.simulation.watching import Watch
+from stickslip.simulation.watching import Failed, Watch
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""
@@ -179,7 +179,14 @@ class Local:
         self._seen = t
         if watch is None or t <= begin:
             return False
-        for one in watch.crossings_of_parts(self._now.motion, self._parts, begin, t):
+        try:
+            found = watch.crossings_of_parts(self._now.motion, self._parts, begin, t)
+        except Failed as failed:
+            # what was computed before is kept
+            self._timeline.t = begin + failed.tau
+            self._recorder.keep_patchwork(self._patches.until(self._timeline.t), self._most_held)
+            raise ValueError(str(failed)) from failed.__cause__
+        for one in found:
             at = min(begin + one.tau, t)
             self._recorder.note_user(at, one.event.name, one.sign, one.stays)
             if one.event.stop:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from stickslip.engines.base import LOCAL, Engine, Task
+from stickslip.engines.work import LOOK_AT_SCENE, SolverFailure
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.loads.loads import Span
@@ -49,7 +50,7 @@ from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.relaxation import Relaxation
 from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.tolerances import Reached, Tolerances
-from stickslip.simulation.watching import Watch
+from stickslip.simulation.watching import Failed, Watch
 
 _FROM_NOTHING = 1e-6
 """A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
@@ -151,7 +152,11 @@ class Run:
         path, relaxed = self._path(now)
         t = self._end(now.motion, path, relaxed)
         if self._watch is not None:
-            path, t = self._note_crossings(now.motion, path, t, self._watch)
+            try:
+                path, t = self._note_crossings(now.motion, path, t, self._watch)
+            except Failed as failed:
+                known = now.motion.until(path, failed.tau)
+                raise SolverFailure(str(failed), LOOK_AT_SCENE, known) from failed.__cause__
         if self._relaxation.rows.size:
             self._relaxation.note(now.motion, path)
         self.recorder.keep(now, path, t)

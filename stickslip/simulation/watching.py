@@ -6,6 +6,7 @@ a polynomial of its values at Chebyshev points, and a root is finished on the qu
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -29,6 +30,9 @@ _LAST, _RESOLVED, _FAR = 4, 1e-9, 4.0
 _SHORTLY, _OFF = 1e-3, 10.0
 """How long before it bends and stays at 0 a quantity is off 0, as a part of the parts about, and by how much noise."""
 
+_LOOKS = 200
+"""Places along a path at which it is looked for where a function fails."""
+
 _PARTS = 4
 """Parts of the shortest period of the loads within which a quantity is a polynomial."""
 
@@ -40,6 +44,14 @@ class Crossing(NamedTuple):
     event: When
     sign: int
     stays: bool = False
+
+
+class Failed(Exception):
+    """The function of an event has failed: not before local time `tau`."""
+
+    def __init__(self, fault: Exception, tau: float) -> None:
+        super().__init__(str(fault))
+        self.tau = tau
 
 
 class Watch:
@@ -56,7 +68,10 @@ class Watch:
         self._died, self._passed = [False] * len(self._events), [False] * len(self._events)
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
-        """Return the events along a path in order of time, up to the first that stops the simulation."""
+        """Return the events along a path in order of time, up to the first that stops the simulation.
+
+        Where the function of one fails, that is `Failed`.
+        """
         return self._between(path.taus, lambda taus: self._values(motion, path, taus))
 
     @property
@@ -86,11 +101,14 @@ class Watch:
 
     def _between(self, ends: Array, values: Callable[[Array], tuple[Array, Array]]) -> list[Crossing]:
         """Return the events between the `ends` of steps; in these the quantities are smooth."""
-        edges, at_nodes, sizes = self._parts(ends, values)
         found: list[Crossing] = []
-        for k in range(len(self._events)) if edges.size > 1 else ():
-            size = float(sizes[k].max(initial=0.0))
-            found += self._of_event(k, edges, at_nodes[k], size, _one(values, k))
+        try:
+            edges, at_nodes, sizes = self._parts(ends, values)
+            for k in range(len(self._events)) if edges.size > 1 else ():
+                size = float(sizes[k].max(initial=0.0))
+                found += self._of_event(k, edges, at_nodes[k], size, _one(values, k))
+        except (ArithmeticError, ValueError) as fault:
+            raise Failed(fault, _last_known(values, float(ends[-1]))) from fault
         wanted = [one for one in found if one.event.direction in (0, one.sign)]
         wanted.sort(key=lambda one: one.tau)
         stops = [one for one in wanted if one.event.stop]
@@ -173,6 +191,16 @@ class Watch:
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
         return self._system.observed_values(q, y, (np.zeros(1), y), motion.t + taus, taus, motion)
+
+
+def _last_known(values: Callable[[Array], tuple[Array, Array]], end: float) -> float:
+    """Return a local time shortly before the function of an event fails."""
+    known = 0.0
+    with contextlib.suppress(ArithmeticError, ValueError):
+        for tau in np.linspace(0.0, end, _LOOKS).tolist():
+            values(np.array([tau]))
+            known = tau
+    return known
 
 
 def _one(values: Callable[[Array], tuple[Array, Array]], k: int) -> Callable[[float], float]:

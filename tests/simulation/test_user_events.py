@@ -324,3 +324,24 @@ def test_the_edge_of_a_dead_band_is_no_event(way: dict[str, Any], start: float) 
     ]
     result = simulate(scene, (0.0, 2.0), events=events, **way)
     assert [(e.contact, e.after) for e in result.events] == [("c", 1), ("c", 0)] and result.status == 0
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"max_step": 1e9}])
+@pytest.mark.parametrize("many", [1, 20])
+def test_what_was_computed_before_a_function_fails_is_kept(way: dict[str, Any], many: int) -> None:
+    """``x = t^2 / 2``: the function of an event fails from 1 s on; scenes of many are followed part by part."""
+
+    def known_to_half(x: float) -> float:
+        if x > 0.5:
+            raise ValueError("beyond")
+        return x - 7.0
+
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0) for i in range(many)), *(Force(f"b{i}", 1.0) for i in range(many))
+    )
+    events = [When("far", feedback(known_to_half, position("b0")))]
+    with pytest.raises(SimulationError, match=r"event 'far': .*beyond") as failed:
+        simulate(scene, (0.0, 2.0), events=events, **way)
+    result = failed.value.result
+    assert 0.98 < failed.value.t <= 1.0 and result.t[-1] == failed.value.t
+    assert result.velocity("b0")[-1] == pytest.approx(failed.value.t, abs=1e-8)
