@@ -72,7 +72,12 @@ class Watch:
 
         Where the function of one fails, that is `Failed`.
         """
-        return self._between(path.taus, lambda taus: self._values(motion, path, taus))
+        gained = np.zeros((self._system.size, 1))
+        if path.taus.size > 1:
+            # forces that cancel leave roundoff in velocities
+            n = self._system.n
+            gained[:n, 0] = motion.rate_magnitudes()[:n] * np.diff(path.taus).max()
+        return self._between(path.taus, lambda taus: self._values(motion, path, taus, gained))
 
     @property
     def reads_series(self) -> bool:
@@ -186,11 +191,15 @@ class Watch:
         values, sizes = (np.concatenate([one[k] for one in done], axis=1)[:, order] for k in (1, 2))
         return np.append(starts[order], edges[-1]), values, sizes
 
-    def _values(self, motion: Motion, path: Path, taus: Array) -> tuple[Array, Array]:
-        """Return the quantities at local times, a line each, and what adds up in them."""
+    def _values(self, motion: Motion, path: Path, taus: Array, gained: Array) -> tuple[Array, Array]:
+        """Return the quantities at local times, a line each, and what adds up in them.
+
+        `gained` are what forces add up to in the states.
+        """
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
-        return self._system.observed_values(q, y, (np.zeros(1), y), motion.t + taus, taus, motion)
+        sizes = np.zeros(1), np.abs(y) + gained
+        return self._system.observed_values(q, y, sizes, motion.t + taus, taus, motion)
 
 
 def _last_known(values: Callable[[Array], tuple[Array, Array]], end: float) -> float:

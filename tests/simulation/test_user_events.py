@@ -345,3 +345,23 @@ def test_what_was_computed_before_a_function_fails_is_kept(way: dict[str, Any], 
     result = failed.value.result
     assert 0.98 < failed.value.t <= 1.0 and result.t[-1] == failed.value.t
     assert result.velocity("b0")[-1] == pytest.approx(failed.value.t, abs=1e-8)
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"max_step": 1e9}])
+@pytest.mark.parametrize("many", [1, 20])
+def test_what_rests_in_an_equilibrium_crosses_nothing(way: dict[str, Any], many: int) -> None:
+    """Springs and forces hold the first block but for roundoff; all others slide until friction stops them."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        place, held = float(rng.uniform(-0.5, 0.5)), []
+        for stretch, stiffness in zip(rng.uniform(-0.3, 0.3, 2), rng.uniform(1.0, 20.0, 2), strict=True):
+            held.append(Spring("b0", GROUND, stiffness=float(stiffness), rest=place - float(stretch)))
+            held.append(Force("b0", float(stiffness) * float(stretch)))
+        scene = Scene(
+            Body("b0", inertia=1.0, position=place),
+            *held,
+            *(Body(f"b{i}", inertia=1.0, velocity=1.0 + i) for i in range(1, many)),
+            *(Contact(f"c{i}", f"b{i}", GROUND, DryFriction(0.3, 0.3), normal=10.0) for i in range(1, many)),
+        )
+        events = [When("v", velocity("b0"), stop=True), When("x", position("b0") - place, stop=True)]
+        assert simulate(scene, (0.0, 6.0), events=events, **way).status == 0

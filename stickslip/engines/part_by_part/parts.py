@@ -284,7 +284,9 @@ class Parts:
         y, sizes = np.zeros((2, system.size, times.size))
         bodies = states[states < n]
         y[bodies] = self._along(self.velocity[bodies], bodies, times)
-        sizes[bodies] = np.maximum(np.abs(y[bodies]), speed[bodies, None])
+        # forces that cancel leave roundoff in velocities
+        gained = [self.pull(i, float(times[0])) * self.unit for i in bodies.tolist()]
+        sizes[bodies] = np.maximum(np.abs(y[bodies]), speed[bodies, None]) + np.array(gained)[:, None]
         places = states[(states >= n) & (states < n + system.moved.size)]
         bodies = system.moved[places - n]
         rates = self._along(self.velocity[bodies] * self._inverse[:-1], bodies, times)
