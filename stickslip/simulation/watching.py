@@ -136,8 +136,8 @@ class Watch:
             sign = -sign
             found.append(Crossing(0.0, event, sign))
         at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values]
-        if sign and at_0[0] and not self._died[k]:
-            # it stays at 0, as what has stuck does
+        if sign and all(at_0[:2]) and not self._died[k]:
+            # it stays at 0, as what has stuck does; one step alone may be too short to leave it
             if not (self._in_steps and self._passed[k]):
                 found.append(Crossing(0.0, event, -sign, stays=True))
             sign = 0

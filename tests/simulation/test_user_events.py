@@ -365,3 +365,20 @@ def test_what_rests_in_an_equilibrium_crosses_nothing(way: dict[str, Any], many:
         )
         events = [When("v", velocity("b0"), stop=True), When("x", position("b0") - place, stop=True)]
         assert simulate(scene, (0.0, 6.0), events=events, **way).status == 0
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "Adams"}])
+def test_a_touch_at_a_break_is_no_rest_however_short_the_step_behind_it(way: dict[str, Any]) -> None:
+    """A normal force falls to 0 N at 0.8 s and rises at once; beside a sine the first step of solvers is short."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=-3.0),
+        Contact(
+            "c",
+            "b",
+            GROUND,
+            DryFriction(0.1, 0.05),
+            normal=piecewise_linear([0.3, 0.8, 1.7], [7.3, 0.0, 7.3]),
+        ),
+        Force("b", sine(0.3, 1.0)),
+    )
+    assert simulate(scene, (0.0, 2.0), events=[When("lost", normal("c"), stop=True)], **way).status == 0
