@@ -309,10 +309,16 @@ class Motion(Inputs):
         `hit` and `touched` say why it ends there.
         """
         cut = path.cut(tau) if tau > 0 else path.until(0)
-        last, clocked = self.exact(tau, cut.last), self.system.clocked
-        # samples change them, and nothing else: not even roundoff
-        last[clocked] = self.y[clocked]
+        last = self.exact(tau, cut.last)
+        self.hold_samples(last)
         return Path(cut.taus, cut.coefficients, last, hit, cut.is_chebyshev, touched)
+
+    def hold_samples(self, y: Array) -> None:
+        """Write the states of sampled blocks into a later state of this motion, in place.
+
+        Samples change them, and nothing else: not even the roundoff of a solver that integrates a rate of 0.
+        """
+        y[self.system.clocked] = self.y[self.system.clocked]
 
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return ``d y' / d y``, dense or sparse as the scene is."""

@@ -53,7 +53,7 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
         return None
     modes, closed = motion.equations.modes, _closed(system, stretch, t, q)
     changes = (modes == OPEN) == closed
-    if _rests(now, t, y, largest, q, changes):
+    if comes_to_rest(now, t, y, largest, q, changes):
         return None
     if not np.count_nonzero(changes):
         return modes
@@ -62,13 +62,13 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
     return np.where(changes, np.where(closed, now.labels, OPEN), modes).astype(np.int8)
 
 
-def comes_to_rest(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:
-    """Tell whether a row that moves is at rest at the end of a motion, but for roundoff."""
-    return _rests(now, t, y, largest, stretch.at(t), np.zeros(now.labels.size, dtype=bool))
+def comes_to_rest(
+    now: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False
+) -> bool:
+    """Tell whether a row that moves, or one of some others, is at rest at the end of a motion, but for roundoff.
 
-
-def _rests(now: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask) -> bool:
-    """Tell whether a row that moves, or one of some others, is at rest at the end of a motion."""
+    `q` are the inputs from there on.
+    """
     motion = now.motion
     modes = motion.equations.modes
     moves = (np.abs(modes) == 1) | (modes == OPEN) | others

@@ -186,9 +186,7 @@ class Run:
             raise ArithmeticError(
                 "positions or velocities are no longer finite; make forces, stiffnesses or the time smaller"
             )
-        if self.system.clocked.size:
-            # to the bit, also where a solver has integrated a rate of 0
-            path.last[self.system.clocked] = motion.y[self.system.clocked]
+        motion.hold_samples(path.last)
         if self._borders is not None:
             path = self._borders.cut(motion, path)
         path = until_out_of_bands(motion, now.guards, path)
@@ -272,12 +270,14 @@ class Run:
     def _carried_on(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
         """Return what goes on at the end of a path without an event, None where rows have to be settled."""
         after, modes = self.loads.after(t), now.motion.equations.modes
+        at_sample = self.loads.goes_on(t)
         # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
-        if t < now.motion.stretch.stop or self.loads.goes_on(t):
-            following = modes if modes.max(initial=0) < OPEN and all_pressed(self.system, after, t) else None
+        if t < now.motion.stretch.stop or at_sample:
+            holds = modes.max(initial=0) < OPEN and all_pressed(self.system, after, t)
             # a sample may push back what comes to rest there
-            if self.loads.goes_on(t) and comes_to_rest(now, after, t, path.last, path.largest):
-                following = None
+            if holds and at_sample:
+                holds = not comes_to_rest(now, t, path.last, path.largest, after.at(t))
+            following = modes if holds else None
         else:
             following = modes_after_break(now, after, t, path.last, path.largest)
         if following is None:

@@ -72,11 +72,10 @@ class Watch:
 
         Where the function of one fails, that is `Failed`.
         """
-        gained = np.zeros((self._system.size, 1))
+        gained = np.zeros(self._system.size)
         if path.taus.size > 1:
-            # forces that cancel leave roundoff in velocities
             n = self._system.n
-            gained[:n, 0] = motion.rate_magnitudes()[:n] * np.diff(path.taus).max()
+            gained[:n] = motion.rate_magnitudes()[:n] * np.diff(path.taus).max()
         return self._between(path.taus, lambda taus: self._values(motion, path, taus, gained))
 
     @property
@@ -90,6 +89,7 @@ class Watch:
         `motion` is where the parts have begun. Local times run from `begin`.
         """
         system = self._system
+        gained, at_start = parts.gained(system.observed_states, begin), np.abs(motion.start_inputs)
 
         def values(taus: Array) -> tuple[Array, Array]:
             t = begin + taus
@@ -99,8 +99,8 @@ class Watch:
             else:
                 q = np.zeros((system.inputs, t.size))
                 q[-1] = 1.0
-            at_start = np.abs(motion.start_inputs[: system.inputs, None])
-            return system.observed_values(q, y, (at_start, sizes), t, since, motion)
+            sizes += gained[:, None]
+            return system.observed_values(q, y, (at_start[: system.inputs, None], sizes), t, since, motion)
 
         return self._between(np.array([0.0, end - begin]), values)
 
@@ -194,11 +194,11 @@ class Watch:
     def _values(self, motion: Motion, path: Path, taus: Array, gained: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and what adds up in them.
 
-        `gained` are what forces add up to in the states.
+        `gained` are what forces add up to in the states: where they cancel they leave roundoff.
         """
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
-        sizes = np.zeros(1), np.abs(y) + gained
+        sizes = np.zeros(1), np.abs(y) + gained[:, None]
         return self._system.observed_values(q, y, sizes, motion.t + taus, taus, motion)
 
 

@@ -240,7 +240,7 @@ class Parts:
         groups = self.groups
         lead = int(groups.lead[i])
         if lead != UNLED:
-            return 0.0 if lead < 0 else self.prescribed.size_of_drive(lead)
+            return 0.0 if lead < 0 else self.prescribed.drive_pull(lead)
         inertia = self.inertia[groups.bodies(int(groups.of[i]))]
         return self.push(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
 
@@ -284,9 +284,7 @@ class Parts:
         y, sizes = np.zeros((2, system.size, times.size))
         bodies = states[states < n]
         y[bodies] = self._along(self.velocity[bodies], bodies, times)
-        # forces that cancel leave roundoff in velocities
-        gained = [self.pull(i, float(times[0])) * self.unit for i in bodies.tolist()]
-        sizes[bodies] = np.maximum(np.abs(y[bodies]), speed[bodies, None]) + np.array(gained)[:, None]
+        sizes[bodies] = np.maximum(np.abs(y[bodies]), speed[bodies, None])
         places = states[(states >= n) & (states < n + system.moved.size)]
         bodies = system.moved[places - n]
         rates = self._along(self.velocity[bodies] * self._inverse[:-1], bodies, times)
@@ -299,6 +297,16 @@ class Parts:
             y[places] = self.prescribed.drives.positions(drives, times)
             sizes[places] = np.abs(y[places])
         return y, sizes
+
+    def gained(self, states: Indices, t: float) -> Array:
+        """Return what forces add up to in velocities among some states, in the time unit of the series from `t` on.
+
+        All other states gain 0.
+        """
+        found = np.zeros(self.system.size)
+        for i in states[states < self.system.n].tolist():
+            found[i] = self.pull(i, t) * self.unit
+        return found
 
     def _along(self, series: Array, bodies: Indices, times: Array) -> Array:
         """Return the values of one series of each body at many times."""

@@ -31,8 +31,15 @@ class Prescribed:
         Whether there are sines.
     swings : array (n,) of bool
         Bodies that sines reach at once: by a force, or by what a row of theirs watches.
+    bends_with : array (d + 2,) of bool
+        Whether what leads a body makes it no polynomial: each drive, nothing, the ground.
     normal : array (m, 2)
         Normal forces at the start and their slopes, without sines.
+    normals, drive_velocities : Lines
+        Normal forces and velocities of drives as series from any time on, with sines.
+    rows : Swings
+        The sines of normal forces.
+    drives : Drives
     force : array (n, 3)
         Forces on bodies in powers of the time since the start, without sines.
     drive_size : array (d,)
@@ -83,7 +90,6 @@ class Prescribed:
         rows = self.rows.moves | (forest.drive >= 0) & np.append(self._drives.moves, False)[forest.drive]
         ends = np.concatenate([forest.child[rows], forest.parent[rows]])
         self.swings[ends[ends >= 0]] = True
-        # by what leads a body: drives, then nothing, then the ground
         self.bends_with = np.concatenate([self._drives.moves, [True, False]])
 
     def waves(self, bodies: Indices, t: float) -> Array:
@@ -124,6 +130,6 @@ class Prescribed:
         found[:, 0] = self.drives.positions(drives, np.array([t]))[:, 0]
         return found
 
-    def size_of_drive(self, k: int) -> float:
+    def drive_pull(self, k: int) -> float:
         """Return what adds up in the acceleration of a drive."""
         return float(np.abs(self.drives.velocity[k, 1]) + self.drive_size[k])

@@ -39,8 +39,11 @@ _NO_STEP = 1e-6
 _SHORT = 1e-3
 """Part of a step beside it from which on a step is none that tells only roundoff."""
 
-_MOST_WITH_RATES, _ORDER_WITH_RATES = 7, 13
-"""Points around a step whose rates are asked at most, and the order of the polynomial through them."""
+_MOST_WITH_RATES = 7
+"""Points around a step whose rates are asked at most."""
+
+_ORDER_WITH_RATES = 2 * _MOST_WITH_RATES - 1
+"""The order of the polynomial through these points and rates."""
 
 _ROUNDOFF = np.finfo(float).eps
 
@@ -121,7 +124,7 @@ def through_points(
     basis = np.ones((count, top + 1, top + 1))
     np.cumprod(x[:, :, None] - nodes[:top].T[:, None, :], axis=2, out=basis[:, :, 1:])
     found: Array = (from_nodes(top) @ basis) @ terms.transpose(1, 0, 2)
-    still = rough[error[rough] > 1.0].tolist() if rates is not None else []
+    still = rough[error[rough] > 1.0].tolist()
     if still and rates is not None:
         found = np.pad(found, ((0, 0), (0, max(_ORDER_WITH_RATES - top, 0)), (0, 0)))
         known = lru_cache(maxsize=None)(rates)
