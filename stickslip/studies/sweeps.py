@@ -87,25 +87,8 @@ def sweep(
     TypeError, ValueError
         If an argument makes no sense, or `save` names a file of another sweep.
     """
-    if not callable(function):
-        raise TypeError(f"sweep: function must be callable, got {function!r}")
     parameters = _parameters(grid)
-    if not isinstance(progress, bool):
-        raise TypeError(f"sweep: progress must be True or False, got {progress!r}")
-    if not isinstance(version, str):
-        raise TypeError(f"sweep: version must be a text, got {version!r}")
-    is_serial = isinstance(executor, str) and executor == "serial"
-    if not (executor is None or is_serial or isinstance(executor, Executor)):
-        raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
-    if workers is not None and executor is not None:
-        raise ValueError(
-            f"sweep: workers={workers!r} is for processes of our own; leave out executor or workers"
-        )
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise ValueError(f"sweep: workers must be a whole number >= 1, got {workers!r}")
-
-    if save is not None and not Path(save).absolute().parent.is_dir():
-        raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
+    _check(function, executor, workers, progress, save, version)
     log = None if save is None else SweepLog(Path(save), parameters, version)
     _check_takes(function, parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()
@@ -134,6 +117,27 @@ def sweep(
     except KeyboardInterrupt:
         raise SweepInterrupted(collect(parameters, done)) from None
     return collect(parameters, done)
+
+
+def _check(function: Any, executor: Any, workers: Any, progress: Any, save: Any, version: Any) -> None:
+    """Refuse arguments of `sweep` that make no sense."""
+    if not callable(function):
+        raise TypeError(f"sweep: function must be callable, got {function!r}")
+    if not isinstance(progress, bool):
+        raise TypeError(f"sweep: progress must be True or False, got {progress!r}")
+    if not isinstance(version, str):
+        raise TypeError(f"sweep: version must be a text, got {version!r}")
+    is_serial = isinstance(executor, str) and executor == "serial"
+    if not (executor is None or is_serial or isinstance(executor, Executor)):
+        raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
+    if workers is not None and executor is not None:
+        raise ValueError(
+            f"sweep: workers={workers!r} is for processes of our own; leave out executor or workers"
+        )
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise ValueError(f"sweep: workers must be a whole number >= 1, got {workers!r}")
+    if save is not None and not Path(save).absolute().parent.is_dir():
+        raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
 
 
 def _check_takes(function: Callable[..., Any], parameters: Mapping[str, Any]) -> None:

@@ -57,49 +57,54 @@ def measured_in(scene: Scene, data: Any, what: str) -> tuple[Measured, ...]:
         raise TypeError(
             f"{what}: data must map names such as 'block.velocity' to (times, values), got {data!r}"
         )
-    ends = {one.name for one in (*scene.bodies, *scene.drives)}
-    rows = {row.name for row in scene.rows}
-    found = []
-    for name, series in data.items():
-        of, _, quantity = str(name).rpartition(".")
-        known = rows if quantity == "force" else ends
-        if quantity not in _QUANTITIES or of not in known:
-            raise ValueError(
-                f"{what}: data {name!r}: write 'BODY.velocity', 'BODY.position' or 'CONTACT.force'; "
-                f"known are {', '.join(sorted(map(repr, ends | rows))[:10])}; for the pull of a spring tie its end, a "
-                "body of inertia 0, to what holds it, and write 'TIE.force'"
-            )
-        if not isinstance(series, (tuple, list)) or len(series) not in (2, 3):
-            raise TypeError(f"{what}: data {name!r} must be (times, values) or (times, values, sigma)")
-        t, values = (
-            numbers(x, f"{what}: data {name!r}: {part}")
-            for x, part in zip(series, ("times", "values"), strict=False)
-        )
-        if not t.size:
-            raise ValueError(f"{what}: data {name!r} has no times; give one at least")
-        if t.size != values.size:
-            raise ValueError(
-                f"{what}: data {name!r}: times and values must be equally many, got {t.size} and {values.size}"
-            )
-        if not (np.isfinite(t).all() and np.isfinite(values).all()):
-            raise ValueError(f"{what}: data {name!r} must be finite; leave out what is missing")
-        if np.any(np.diff(t) <= 0) or t[0] < 0:
-            raise ValueError(f"{what}: data {name!r}: times must rise and not be negative; sort them")
-        sigma = None
-        if len(series) == 3 and series[2] is not None:
-            sigma = numbers(np.atleast_1d(series[2]), f"{what}: data {name!r}: sigma")
-            if sigma.size not in (1, t.size):
-                raise ValueError(
-                    f"{what}: data {name!r}: sigma must be one number or one for each of the {t.size} values, "
-                    f"got {sigma.size}"
-                )
-            sigma = np.broadcast_to(sigma, t.shape)
-            if not (np.isfinite(sigma).all() and np.all(sigma > 0)):
-                raise ValueError(f"{what}: data {name!r}: sigma must be positive")
-        found.append(Measured(str(name), t, values, sigma))
+    for name in data:
+        _check_name(scene, name, what)
+    found = tuple(_measured(name, series, f"{what}: data {name!r}") for name, series in data.items())
     if max(float(one.t[-1]) for one in found) <= 0:
         raise ValueError(f"{what}: all data are at t = 0; give data over time")
-    return tuple(found)
+    return found
+
+
+def _check_name(scene: Scene, name: Any, what: str) -> None:
+    """Refuse the name of what the scene does not have."""
+    ends = {one.name for one in (*scene.bodies, *scene.drives)}
+    rows = {row.name for row in scene.rows}
+    of, _, quantity = str(name).rpartition(".")
+    if quantity not in _QUANTITIES or of not in (rows if quantity == "force" else ends):
+        raise ValueError(
+            f"{what}: data {name!r}: write 'BODY.velocity', 'BODY.position' or 'CONTACT.force'; "
+            f"known are {', '.join(sorted(map(repr, ends | rows))[:10])}; for the pull of a spring tie its end, a "
+            "body of inertia 0, to what holds it, and write 'TIE.force'"
+        )
+
+
+def _measured(name: Any, series: Any, label: str) -> Measured:
+    """Return what was measured of one quantity, checked; messages begin with its label."""
+    if not isinstance(series, (tuple, list)) or len(series) not in (2, 3):
+        raise TypeError(f"{label} must be (times, values) or (times, values, sigma)")
+    t, values = numbers(series[0], f"{label}: times"), numbers(series[1], f"{label}: values")
+    if not t.size:
+        raise ValueError(f"{label} has no times; give one at least")
+    if t.size != values.size:
+        raise ValueError(f"{label}: times and values must be equally many, got {t.size} and {values.size}")
+    if not (np.isfinite(t).all() and np.isfinite(values).all()):
+        raise ValueError(f"{label} must be finite; leave out what is missing")
+    if np.any(np.diff(t) <= 0) or t[0] < 0:
+        raise ValueError(f"{label}: times must rise and not be negative; sort them")
+    sigma = series[2] if len(series) == 3 else None
+    return Measured(str(name), t, values, None if sigma is None else _noise(sigma, t.size, label))
+
+
+def _noise(sigma: Any, count: int, label: str) -> Array:
+    """Return a standard deviation for each of so many values, checked."""
+    given = numbers(np.atleast_1d(sigma), f"{label}: sigma")
+    if given.size not in (1, count):
+        raise ValueError(
+            f"{label}: sigma must be one number or one for each of the {count} values, got {given.size}"
+        )
+    if not (np.isfinite(given).all() and np.all(given > 0)):
+        raise ValueError(f"{label}: sigma must be positive")
+    return np.broadcast_to(given, (count,))
 
 
 def weights_of(measured: list[tuple[Measured, ...]]) -> list[list[Array]]:
