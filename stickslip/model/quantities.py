@@ -487,9 +487,10 @@ def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
 def as_load(value: Load | float, what: str) -> Signal | Expression:
     """Return what may stand as a force: a number or signal as a signal, a quantity as an expression."""
     if not isinstance(value, Quantity):
-        return as_signal(cast(Any, value), what)
+        return as_signal(cast(Any, value), what).read_by(what)
     own = as_expression(value)
-    return own if own.terms else own.signal
+    signal = own.signal.read_by(what)
+    return Expression(own.terms, signal) if own.terms else signal
 
 
 def load_from_dict(data: Any, what: str) -> Load:

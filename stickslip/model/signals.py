@@ -10,7 +10,7 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -129,6 +129,10 @@ class Signal(Load):
 
     def within(self, start: float, stop: float) -> Signal:
         """Return the signal for one time span: functions are called within it only."""
+        return self
+
+    def read_by(self, what: str) -> Signal:
+        """Return the signal of something: messages about its functions begin with that."""
         return self
 
     def scaled(self, factor: float) -> Signal:
@@ -334,6 +338,7 @@ class Function(Signal):
     shortest_period: float | None = None
     factor: float = 1.0
     limits: tuple[float, float] = (-math.inf, math.inf)
+    reader: str = field(default="", compare=False, repr=False)
 
     def at(self, t: float) -> float:
         """Return the value at `t`; a ValueError says where it is not a finite number."""
@@ -387,15 +392,23 @@ class Function(Signal):
         """Return the signal for one time span: the function is called within it only."""
         return replace(self, limits=(start, stop))
 
+    def read_by(self, what: str) -> Signal:
+        """Return the function with what reads it, for messages."""
+        return replace(self, reader=what)
+
     def to_dict(self) -> Any:
         """Refuse: code is not data."""
         raise ValueError(
-            f"{self._label} is code, not data; sample it into piecewise_linear(times, values) for a file"
+            f"{self._name} is code, not data; sample it into piecewise_linear(times, values) for a file"
         )
 
     @property
-    def _label(self) -> str:
+    def _name(self) -> str:
         return f"signal function {name_of(self.function)}"
+
+    @property
+    def _label(self) -> str:
+        return f"{self.reader}: {self._name}" if self.reader else self._name
 
 
 @dataclass(frozen=True)
@@ -429,6 +442,10 @@ class Sum(Signal):
     def within(self, start: float, stop: float) -> Signal:
         """Return the sum for one time span."""
         return Sum(tuple(term.within(start, stop) for term in self.terms))
+
+    def read_by(self, what: str) -> Signal:
+        """Return the sum with what reads it."""
+        return Sum(tuple(term.read_by(what) for term in self.terms))
 
     def scaled(self, factor: float) -> Signal:
         """Return the sum of the scaled terms."""

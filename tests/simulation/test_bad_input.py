@@ -12,7 +12,19 @@ from bad_elements import ELEMENTS, LAWS, NAN, SIGNALS, A, Case, contact
 from bad_machines import MACHINES
 from bad_scenes import ARGUMENTS, DATA, SCENES
 
-from stickslip import GROUND, Drive, DryFriction, Force, Scene, SimulationError, signal, simulate
+from stickslip import (
+    GROUND,
+    Drive,
+    DryFriction,
+    Force,
+    Scene,
+    SimulationError,
+    feedback,
+    signal,
+    simulate,
+    triangle,
+    velocity,
+)
 
 TABLES: dict[str, list[Case]] = {
     "signals": SIGNALS,
@@ -134,10 +146,19 @@ def test_loads_that_turn_bad_on_the_way(load: Any, words: list[str], kind: str) 
         "normal": (A, contact(b=GROUND, normal=load)),
         "drive": (A, Drive("d", velocity=load), contact(b="d")),
     }
+    whose = {"force": "force on 'a': signal", "normal": "contact 'c': normal", "drive": "drive 'd': velocity"}
     with pytest.raises((SimulationError, ValueError)) as raised:
         simulate(Scene(*elements[kind]), (0.0, 1.0))
-    for word in words:
+    for word in [*words, f"{whose[kind]}: signal function"]:
         assert word in str(raised.value)
+
+
+def test_a_function_in_a_sum_or_among_arguments_is_named_with_its_element() -> None:
+    bad = signal(late(NAN))
+    inner = feedback(lambda x, v: x - v, 2 * bad + 1, velocity("a"))
+    for load in (triangle(0.1, 0.2, 0.3, slope=1) - bad, velocity("a") + bad, inner):
+        with pytest.raises((SimulationError, ValueError), match=r"force on 'a'.*: signal function"):
+            simulate(Scene(A, Force("a", load)), (0.0, 1.0))
 
 
 def test_a_law_that_turns_bad_on_the_way_keeps_what_was_computed() -> None:

@@ -124,9 +124,9 @@ class Reader:
     def form(self, load: Load, label: str) -> Form:
         """Return a quantity or a signal as a linear form; `label` is the element that reads it."""
         if isinstance(load, Signal):
-            return self._of_signal(load)
+            return self._of_signal(load, label)
         if isinstance(load, Expression):
-            found = self._of_signal(load.signal)
+            found = self._of_signal(load.signal, label)
             for atom, factor in load.terms:
                 found.add(self.form(atom, label), factor)
             return found
@@ -258,11 +258,11 @@ class Reader:
             found.add(of_body(i), c)
         return found
 
-    def _of_signal(self, signal: Signal) -> Form:
+    def _of_signal(self, signal: Signal, label: str) -> Form:
         if isinstance(signal, Constant):
             return Form(inputs={("one", 0, 0): signal.value}) if signal.value else Form()
         if signal not in self.signals:
-            self.signals.append(signal)
+            self.signals.append(signal.read_by(label))
         return Form(inputs={("signal", self.signals.index(signal), 0): 1.0})
 
     def _normal(self, atom: Quantity, row: str) -> Form:

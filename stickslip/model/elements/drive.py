@@ -38,7 +38,8 @@ class Drive(Moving):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "velocity", as_signal(self.velocity, f"{self.label}: velocity"))
+        what = f"{self.label}: velocity"
+        object.__setattr__(self, "velocity", as_signal(self.velocity, what).read_by(what))
 
     def place(self, book: Book) -> None:
         """Enter a drive."""
