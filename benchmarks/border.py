@@ -20,8 +20,7 @@ RATES = 10.0 * 1.5 ** np.arange(29)
 STOP, OUTPUTS, RUNS = 10.0, 200, 3
 LONGEST_BY_SERIES = 1e4
 CLIFF = 10.0
-FLOOR = 1e-7
-"""Errors below are as good as none beside the tolerance of CVODE."""
+FLOOR = 1e-7  # errors below are as good as none beside the tolerance of CVODE
 
 
 def scene(rate: float) -> Scene:

@@ -22,8 +22,7 @@ from stickslip.equations.guards.guards import Guards
 PACKAGE = str(Path(stickslip.__file__).parent)
 SHOWN = 8
 
-Call = tuple[str, str, str]
-"""The calling file, the called file, and the name of the called function."""
+Call = tuple[str, str, str]  # the calling file, the called file, and the name of the called function
 
 
 def calls(run: Callable[[], Any]) -> Counter[Call]:

@@ -40,17 +40,15 @@ from stickslip.benchmark import (
     four_flywheels,
 )
 
-PRE_SLIP = 1e-3
-"""The paper's pre-slip velocity in rad/s (table 1)."""
+PRE_SLIP = 1e-3  # the paper's pre-slip velocity in rad/s (table 1)
+
+# Viscous friction between the four flywheels in N m s/rad; from 2 on the brake no longer stops the first wheel.
 VISCOUS = 1.0
-"""Viscous friction between the four flywheels in N m s/rad; from 2 on the brake no longer stops the first wheel."""
-SETTLED = (0.0, 1.0)
-"""The part of the benchmark in which anything happens."""
+SETTLED = (0.0, 1.0)  # the part of the benchmark in which anything happens
 LEVELS = (1e-2, 3e-3, 1e-3)
 _GRID, _WIDTH = 1.12, 72
 
-Line = tuple[str, str]
-"""What is measured, and the value."""
+Line = tuple[str, str]  # what is measured, and the value
 
 
 def _virtually_identical(repeats: int) -> Iterator[Line]:

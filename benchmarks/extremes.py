@@ -23,8 +23,7 @@ from validation.rows import Answer
 
 __all__ = ["FAMILIES", "Family", "draw", "main", "stiff"]
 
-RUNS, LONG = 2, 1.0
-"""How often a point is measured, and the CPU time in s from which once is enough."""
+RUNS, LONG = 2, 1.0  # how often a point is measured, and the CPU time in s from which once is enough
 
 
 def stiff(rate: float) -> float:

@@ -18,8 +18,9 @@ from stickslip import GROUND, Body, Contact, Drive, DryFriction, Result, Scene, 
 from stickslip.benchmark import flywheel_chain
 
 SIZES = (4, 50, 200)
+
+# Times in s within which small scenes have more than a hundred events.
 LONGER = {("fault", 4): 400.0, ("belt", 4): 100.0, ("fault", 50): 60.0, ("belt", 50): 30.0}
-"""Times in s within which small scenes have more than a hundred events."""
 
 _RUNS = 5
 _OF_CONTACTS = ("mode", "force", "breakaway", "power", "normal", "relative_velocity")

@@ -50,10 +50,10 @@ from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work
 from validation.exact import Story, reference, two_flywheels
 
 LEVELS = (1e-1, 1e-2, 1e-3, 1e-6, 1e-9)
-FLOOR = 1e-14
-"""Errors below are drawn there."""
-NEAR = 1e-2
-"""An event counts as found within this part of the span; beside an event nobody asks for creep."""
+FLOOR = 1e-14  # errors below are drawn there
+NEAR = 1e-2  # an event counts as found within this part of the span; beside an event nobody asks for creep
+
+# Families that share a line in the table of all scenes.
 NAMES = {
     "Taylor series, the default": ("contact-force, series",),
     "CVODE BDF": ("contact-force, BDF", "merged, BDF"),
@@ -69,14 +69,14 @@ NAMES = {
         for title, methods in {"stiff solver": ("BDF",), "fixed steps": ("RK4", "Euler")}.items()
     },
 }
-"""Families that share a line in the table of all scenes."""
+
+# Dead bands and bristle velocities, as parts of the velocity scale, of the laws that `tradeoff` does not try.
 BANDS = (1e-1, 1e-2, 1e-3, 1e-4)
-"""Dead bands and bristle velocities, as parts of the velocity scale, of the laws that `tradeoff` does not try."""
+
+# Numbers of steps of the comparison at fixed steps; fewer make the pre-slip model unstable.
 STEPS = {"contact force": (1000, 3000, 10_000, 30_000, 100_000), "pre-slip": (30_000, 100_000, 300_000)}
-"""Numbers of steps of the comparison at fixed steps; fewer make the pre-slip model unstable."""
 FIXED: tuple[MethodName, ...] = ("RK4", "Euler")
-PRE_SLIP = 1e-3
-"""Pre-slip velocity in rad/s of the comparison at fixed steps: the paper's, table 1."""
+PRE_SLIP = 1e-3  # pre-slip velocity in rad/s of the comparison at fixed steps: the paper's, table 1
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from stickslip.model.signal_makers import triangle
 from stickslip.model.signals import Signal
 from stickslip.results.outcome import Event
 
-BENCHMARK_SPAN = (0.0, 4.0)
-"""Time span of the benchmark in s."""
+BENCHMARK_SPAN = (0.0, 4.0)  # time span of the benchmark in s
 
+# The friction law of every contact of the benchmark.
 FLYWHEEL_LAW = DryFriction(mu_static=0.2, mu_coulomb=0.1, dwell=0.1)
-"""The friction law of every contact of the benchmark."""
 
+# The events of `flywheel_benchmark`, published reference values from 40-digit arithmetic.
 EXACT_EVENTS = (
     Event(0.000909090909090909, "interface", Mode.BACKWARD, Mode.STUCK, "exact"),
     Event(0.473006762576147516, "interface", Mode.STUCK, Mode.BACKWARD, "exact"),
@@ -26,10 +26,9 @@ EXACT_EVENTS = (
     Event(0.575899715052702889, "brake", Mode.STUCK, Mode.FORWARD, "exact"),
     Event(0.653395901643388061, "interface", Mode.BACKWARD, Mode.STUCK, "exact"),
 )
-"""The events of `flywheel_benchmark`, published reference values from 40-digit arithmetic."""
 
+# The velocity in rad/s of both wheels of `flywheel_benchmark` after the last event, to the same digits.
 EXACT_FINAL_VELOCITY = 0.687838305725714362
-"""The velocity in rad/s of both wheels of `flywheel_benchmark` after the last event, to the same digits."""
 
 
 def flywheel_benchmark(law: Law = FLYWHEEL_LAW) -> Scene:

@@ -42,10 +42,10 @@ from validation.runner import run
 from validation.tried import summary
 
 QUICK_SCENES, QUICK_MULTIPLIED, SCENES = 16, 6, 500
-QUICK_RUNS = 2
-"""Random runs of each family that is read off between its computed points."""
+QUICK_RUNS = 2  # random runs of each family that is read off between its computed points
+
+# Scenes of each family against the oracle; in proportion where another number of random scenes is asked for.
 QUICK_FAMILY, FAMILY = 2, 100
-"""Scenes of each family against the oracle; in proportion where another number of random scenes is asked for."""
 
 
 def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:

@@ -43,10 +43,10 @@ from validation.rows import Array, Row, Tried, Wrong, changes, require, story
 from validation.tried import try_each
 
 FAMILIES = oracle_scenes.FAMILIES | machine_scenes.FAMILIES
-PATIENCE = 60.0
-"""Time in s after which a scene counts as hanging."""
+PATIENCE = 60.0  # time in s after which a scene counts as hanging
+
+# Part of the span before its end in which events are not compared: whether they come before it is roundoff.
 AT_THE_END = 2e-7
-"""Part of the span before its end in which events are not compared: whether they come before it is roundoff."""
 QUANTITIES = {f.__name__: f for f in (position, velocity, stretch, relative_velocity)}
 
 
@@ -71,10 +71,11 @@ OF_CONTACTS = {
     "merged": Group(_MERGED, 1e-7, 1e-6),
     "multiplier": Group(_MULTIPLIER, 1e-6, 1e-5),
 }
+
+# What is run of each family: the default, and every formulation.
 OF_MACHINES = {"auto": Group({}, 1e-9, 1e-9, 1e-7), "BDF": Group({"method": "BDF"} | _BDF, 1e-7, 1e-6)} | {
     name: OF_CONTACTS[name] for name in ("merged", "multiplier")
 }
-"""What is run of each family: the default, and every formulation."""
 
 
 # Scenes

@@ -46,22 +46,23 @@ from validation.rows import Array, Row, Tried, Wrong, worst
 from validation.tried import try_each
 
 SEED, STOP = 16000, 1.0
-_RECORDS = 100
-"""Records with noise that are fitted."""
+_RECORDS = 100  # records with noise that are fitted
 
+# Steps of differences as parts of a parameter: long ones bend, short ones are rough. They end with a shorter one that
+# is no better.
 _STEPS = (1e-3, 1e-2, 1e-4, 1e-5, 1e-6)
-"""Steps of differences as parts of a parameter: long ones bend, short ones are rough. They end with a shorter one that
-is no better."""
 
 _EIGHTH = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+
+# Weights of differences of eighth and sixth order, four runs to each side.
 _SIXTH = np.array([0, -1 / 60, 3 / 20, -3 / 4, 0, 3 / 4, -3 / 20, 1 / 60, 0])
-"""Weights of differences of eighth and sixth order, four runs to each side."""
 
 _TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
 _ROUGHER: dict[str, Any] = {"rtol": 1e-11, "atol": 1e-13}
+
+# Part of its size to which a difference has to be certain to tell a derivative; where it is not, how many times its
+# uncertainty it may be off.
 _SETTLED, _DOUBT = 1e-7, 10.0
-"""Part of its size to which a difference has to be certain to tell a derivative; where it is not, how many times its
-uncertainty it may be off."""
 
 analysis_row = partial(Row, "Analysis", limit=600.0)
 
@@ -376,8 +377,8 @@ def _leine_end() -> tuple[float, str]:
     )
 
 
+# Numbers of random scenes that have a stop, a gap, a stop on a drive, and a saturated controller.
 QUICK_SCENES = (12, 33, 39, 47)
-"""Numbers of random scenes that have a stop, a gap, a stop on a drive, and a saturated controller."""
 
 
 # -- fits --------------------------------------------------------------------------------------------------------

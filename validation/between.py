@@ -21,13 +21,9 @@ from stickslip.model.laws import Shape
 from validation.rows import Array, Row, Tried, require
 from validation.tried import try_each
 
-RUNS, TIMES = 30, 50
-"""Runs of each family, and times asked for in a run."""
-
+RUNS, TIMES = 30, 50  # runs of each family, and times asked for in a run
 PATIENCE = 60.0
-LARGEST = 3.0
-"""Largest error that passes, as a multiple of what the tolerances promise."""
-
+LARGEST = 3.0  # largest error that passes, as a multiple of what the tolerances promise
 _METHODS = (("contact-force", "BDF"), ("contact-force", "Adams"), ("merged", "BDF"), ("multiplier", "BDF"))
 
 

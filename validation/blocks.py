@@ -14,8 +14,7 @@ from validation.rows import Answer, Row, changes, event_error, worst
 extreme_row = partial(Row, "Extremes")
 mp = analytic.mp
 DRY = DryFriction(0.5, 0.4)
-FLOOR = 10.0
-"""Normal force in N: the block breaks loose at 5 N and slides at 4 N."""
+FLOOR = 10.0  # normal force in N: the block breaks loose at 5 N and slides at 4 N
 
 
 def block(

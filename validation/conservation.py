@@ -266,6 +266,7 @@ def over_all(measure: Callable[[Motion], float], formulation: str) -> Answer:
     return errors[name], f"{len(errors)} cases, worst: {name}"
 
 
+# What is measured, in words, where the right answer comes from, and the largest error at tight tolerances.
 LAWS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
     "momentum": (
         momentum_error,
@@ -293,7 +294,6 @@ LAWS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
     ),
     "stuck": (stuck_error, "relative velocity of stuck contacts", "0, exactly", 0.0),
 }
-"""What is measured, in words, where the right answer comes from, and the largest error at tight tolerances."""
 
 ROWS = [
     conservation_row(

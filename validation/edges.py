@@ -39,13 +39,11 @@ EQUAL = DryFriction(0.2, 0.2)
 NONE = DryFriction(0.0, 0.0)
 SLOW = DryFriction(0.3, 0.2, dwell=0.5)
 ODD = DryFriction(0.3, 0.2, mu_static_backward=0.5, mu_coulomb_backward=0.4)
-HALF = 0.5 * math.log(2.0)
-"""Time in s after which SLOW has half of its rise left."""
+HALF = 0.5 * math.log(2.0)  # time in s after which SLOW has half of its rise left
 
+# A sequence of points (time, value) is straight lines between them.
 Load = Signal | float | Sequence[tuple[float, float]]
-"""A sequence of points (time, value) is straight lines between them."""
-Modes = tuple[float, int, int]
-"""Time in s, mode before, mode after."""
+Modes = tuple[float, int, int]  # time in s, mode before, mode after
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,9 @@ from validation import analytic
 from validation.rows import Answer, Array, Row, require
 
 BELT, STIFFNESS, NORMAL, LAW = 0.2, 10.0, 10.0, DryFriction(0.35, 0.2)
+
+# What each method takes at the default tolerances; from it follows how long a run of so many steps is.
 STEPS_PER_PERIOD = {"BDF": 161, "series": 7}
-"""What each method takes at the default tolerances; from it follows how long a run of so many steps is."""
 
 _LOOKS = 200
 _STATM = Path("/proc/self/statm")
@@ -45,10 +46,10 @@ def scene() -> Scene:
     )
 
 
+# The same motion, seen from the belt.
 CYCLE = analytic.pulled_block(
     1, STIFFNESS, BELT, normal=NORMAL, mu_static=LAW.mu_static, mu_coulomb=LAW.mu_coulomb
 )
-"""The same motion, seen from the belt."""
 FIRST, SLIP = float(CYCLE.first_break), float(CYCLE.slip_time)
 PERIOD = float(CYCLE.slip_time + CYCLE.stick_time)
 

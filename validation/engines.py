@@ -30,15 +30,12 @@ from validation.tried import try_each
 
 GRAZES, QUICK_GRAZES, INTEGRATED = 1000, 60, 30
 TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
-BOUND = 1e-8
-"""Ten thousand times rtol: what single steps leave adds up along a run, and events pass it on."""
+BOUND = 1e-8  # ten thousand times rtol: what single steps leave adds up along a run, and events pass it on
 
+# A law whose lower level is out of reach.
 UPPER = DryFriction(0.5, 0.4, mu_static_backward=2.0, mu_coulomb_backward=0.4)
-"""A law whose lower level is out of reach."""
 
-CLOSEST, NEAREST = 1e-12, 1e-9
-"""How near to touching the grazes are, as parts of what is touched."""
-
+CLOSEST, NEAREST = 1e-12, 1e-9  # how near to touching the grazes are, as parts of what is touched
 PATIENCE = 120.0
 SEED = 31
 

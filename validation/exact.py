@@ -43,8 +43,9 @@ from validation.rows import (
 )
 
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
+
+# Bounds: roundoff where the motion is quadratic between events, a thousand times rtol where it is integrated.
 CLOSED, INTEGRATED = 1e-13, 1e-7
-"""Bounds: roundoff where the motion is quadratic between events, a thousand times rtol where it is integrated."""
 
 FOLDER = Path(__file__).parents[1] / "tests" / "reference"
 exact_row = partial(Row, "Closed forms")

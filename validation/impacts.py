@@ -16,8 +16,7 @@ from validation.tried import try_each
 
 impact_row = partial(Row, "Machines")
 RADII = (1.0, 1.0, -1.0, 0.5, 2.0)
-SAME = 1e-9
-"""Part of the largest velocity, and of the largest momentum, that counts as 0."""
+SAME = 1e-9  # part of the largest velocity, and of the largest momentum, that counts as 0
 
 
 def configuration(seed: int) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from validation.oracle_signals import Sine, read
 
 Array = NDArray[np.float64]
 Data = Mapping[str, Any]
-RANK = 1e-10
-"""Singular values below this part of the largest are 0."""
+RANK = 1e-10  # singular values below this part of the largest are 0
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,14 @@ from validation.oracle import Event, root
 from validation.oracle_signals import just_after
 from validation.oracle_system import Doubt
 
-OPEN = 2
-"""Mode of a gap or stop between its limits."""
+OPEN = 2  # mode of a gap or stop between its limits
+
+# Parts of the largest speed below which a row is at rest; where it is what ended the motion before, the second.
 REST, REACHED = 1e-10, 1e-6
-"""Parts of the largest speed below which a row is at rest; where it is what ended the motion before, the second."""
-AT_LEVEL, NEAR_TIE, TIE = 1e-7, 1e-5, 1e-9
-"""How near loads over levels are to 1 or to each other."""
+AT_LEVEL, NEAR_TIE, TIE = 1e-7, 1e-5, 1e-9  # how near loads over levels are to 1 or to each other
+
+# Parts of the span within which a row that changes twice grazes, and a stop that is hit twice comes to rest.
 GRAZE, BOUNCE = 1e-6, 1e-5
-"""Parts of the span within which a row that changes twice grazes, and a stop that is hit twice comes to rest."""
 MOST_EVENTS, MOST_STALLS, MOST_ROWS = 2000, 20, 9
 
 

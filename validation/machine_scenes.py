@@ -162,6 +162,7 @@ def _stop(draw: _Draw, name: str, on: dict[str, float], place: dict[str, float])
     return {"kind": "stop", "name": name, "on": on, "e": draw.one([0.0, 0.0, 0.5, 0.8, 1.0])} | limits
 
 
+# Scenes by number, and what they are.
 FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "radii": (partial(machine, ties=False), "contacts, springs and dampers at radii"),
     "ties": (machine, "gears, planetaries, levers and loops, bodies without inertia"),
@@ -174,4 +175,3 @@ FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
         "ties, clutches, gaps and stops together",
     ),
 }
-"""Scenes by number, and what they are."""

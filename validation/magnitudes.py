@@ -162,8 +162,8 @@ def equal_coefficients_pulled() -> Answer:
     return worst(result.velocity("block"), v), f"{len(result.events)} changes of mode"
 
 
+# Start, peak and end in s of a short pulse, in a window of 1e4 s.
 PULSE = (5000.0, 5000.0 + 5e-7, 5000.0 + 1e-6)
-"""Start, peak and end in s of a short pulse, in a window of 1e4 s."""
 
 
 def short_pulse(kind: str) -> Answer:

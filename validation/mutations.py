@@ -22,8 +22,7 @@ from validation.__main__ import table
 from validation.rows import Row
 from validation.runner import run
 
-ENOUGH = 3
-"""Rows that must notice before the next mutation is tried."""
+ENOUGH = 3  # rows that must notice before the next mutation is tried
 _LEFT_OUT = (
     "*/multiplier",
     "events-*",

@@ -20,17 +20,14 @@ from validation.oracle_sharing import capacity, cuts, need, shared
 from validation.oracle_signals import just_after
 from validation.oracle_system import Array, Data, Doubt, System
 
-Event = tuple[float, str, int, int]
-"""Time in s, contact, mode before, mode after."""
+Event = tuple[float, str, int, int]  # time in s, contact, mode before, mode after
 MOST_EVENTS, MOST_STALLS = 5000, 20
-NOTHING = 1e-11
-"""Part of the largest load within which a normal force that depends on the state is 0."""
-TRIAL = 1e-3
-"""Part of the span that is tried to see whether a normal force that is 0 rises or falls."""
+NOTHING = 1e-11  # part of the largest load within which a normal force that depends on the state is 0
+TRIAL = 1e-3  # part of the span that is tried to see whether a normal force that is 0 rises or falls
+
+# Part of the span within which a contact that changes twice grazes: whether it does is lost in any tolerance.
 GRAZE = 1e-6
-"""Part of the span within which a contact that changes twice grazes: whether it does is lost in any tolerance."""
-PARTS = 20
-"""Into which a motion that is integrated is divided at least: beyond an event it would be in vain."""
+PARTS = 20  # into which a motion that is integrated is divided at least: beyond an event it would be in vain
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from scipy.integrate import DOP853
 from validation.oracle_system import Array, System
 
 State = tuple[Array, Array]
-FEWEST, MOST = 60, 4000
-"""Points at which a piece of motion is looked at."""
+FEWEST, MOST = 60, 4000  # points at which a piece of motion is looked at
 
 
 def exponential(matrix: Array) -> Array:

@@ -397,6 +397,7 @@ def tree(draw: Callable[[int], Scene], seed: int) -> Scene:
     return scene | {"contacts": kept}
 
 
+# Scenes by number, and what they are.
 FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "wheels": (wheels, "wheels in chains, stars and trees, with brakes and drives"),
     "dampers": (partial(wheels, dampers=True), "wheels with dampers beside the contacts"),
@@ -424,4 +425,3 @@ FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "pressed": (pressed, "normal forces that follow the motion through 0, without loops"),
     "together": (together, "contacts side by side and in loops, of levels far apart"),
 }
-"""Scenes by number, and what they are."""

@@ -11,15 +11,14 @@ import numpy as np
 from validation.oracle_sharing import Cut, capacity, cuts, need
 from validation.oracle_system import Array, Balance, Doubt, System
 
+# Loads over levels that differ by less than the first tie; by less than the second, nobody can tell.
 TIE, NEAR_TIE = 1e-10, 1e-6
-"""Loads over levels that differ by less than the first tie; by less than the second, nobody can tell."""
-AT_LEVEL, BELOW_LEVEL = 1e-7, 1e-9
-"""How far below its level a contact that has just reached it counts as overloaded; how far above it another holds."""
 
-JUST_AFTER = 1e-9
-"""Part of the span after which forces and levels that are both 0 are looked at."""
-SOON = 1e-6
-"""Part of the span after which an acceleration that starts at 0 is looked at."""
+# How far below its level a contact that has just reached it counts as overloaded; how far above it another holds.
+AT_LEVEL, BELOW_LEVEL = 1e-7, 1e-9
+
+JUST_AFTER = 1e-9  # part of the span after which forces and levels that are both 0 are looked at
+SOON = 1e-6  # part of the span after which an acceleration that starts at 0 is looked at
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from validation.oracle_signals import read
 
 Array = NDArray[np.float64]
 Data = Mapping[str, Any]
-SINGULAR = 1e-12
-"""Singular values below this part of the largest are 0."""
+SINGULAR = 1e-12  # singular values below this part of the largest are 0
 
 
 class Doubt(Exception):

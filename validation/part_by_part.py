@@ -45,8 +45,9 @@ from validation.rows import Row, Tried, require, worst
 from validation.tried import try_each
 
 STOP = 4.0
+
+# Part of the span by which events may differ: gaps may close or open at velocities of 1e-5 of the largest.
 EVENTS = 1e-10
-"""Part of the span by which events may differ: gaps may close or open at velocities of 1e-5 of the largest."""
 
 PATIENCE = 60.0
 
@@ -366,17 +367,16 @@ class Family:
         return difference(scene, **self.options, events=self.events(scene, number))
 
 
-JAMMED = (50, 103, 137, 304, 384)
-"""Drives press stops and a clutch together: no motion is possible."""
+JAMMED = (50, 103, 137, 304, 384)  # drives press stops and a clutch together: no motion is possible
 
+# A stop or a clutch comes to a velocity of 0 as nearly as roundoff tells: that it touches, or not, is right.
 HARDLY_TOUCHES = (16, 87)
-"""A stop or a clutch comes to a velocity of 0 as nearly as roundoff tells: that it touches, or not, is right."""
 
+# Each of many impacts that accumulate passes on the roundoff of the one before, larger: later ones are other ones.
 BOUNCES = (212, 253)
-"""Each of many impacts that accumulate passes on the roundoff of the one before, larger: later ones are other ones."""
 
+# Two gaps close within a part in a billion of their play: they may be told to close in one instant, or in two.
 ALMOST_TOGETHER = (244,)
-"""Two gaps close within a part in a billion of their play: they may be told to close in one instant, or in two."""
 
 FAMILIES = {
     "trees": Family("bodies joined by contacts in trees, and by springs anyhow", random_forest),

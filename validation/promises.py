@@ -12,12 +12,10 @@ from validation.random_scenes import STOP, draw
 from validation.rows import Row, Tried
 from validation.tried import try_each
 
-SCENES = range(900, 910)
-"""Random scenes that no other row runs."""
+SCENES = range(900, 910)  # random scenes that no other row runs
 ASKED = (1e-1, 1e-3, 1e-5)
 BUDGET = 60.0
-POINTS = 3001
-"""The study itself looks at 1001 times."""
+POINTS = 3001  # the study itself looks at 1001 times
 
 
 def _broken(number: int) -> float:

@@ -70,8 +70,8 @@ def lugre_block() -> Scene:
     )
 
 
+# Position, velocity and bristle deflection at 25 s.
 LUGRE_END = (1.908839199226505, 9.42415459e-6, 1.18167955e-5)
-"""Position, velocity and bristle deflection at 25 s."""
 
 
 def lugre() -> Answer:
@@ -94,8 +94,8 @@ def belt(speed: float = 0.2, damping: float = 0.0) -> Scene:
     )
 
 
+# Duration of slip and of stick, and period, in s; largest position in m.
 BELT_CYCLE = (4.29599952548016, 7.70503176935042, 12.0010312948306, 1.13394467644166)
-"""Duration of slip and of stick, and period, in s; largest position in m."""
 
 
 def belt_cycle(formulation: str) -> Answer:

@@ -37,12 +37,11 @@ SEED = 20000
 STOP = 0.7
 GRID = np.linspace(0.0, STOP, 15)
 OPTIONS: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
-BOUND = 1e-5
-"""A thousand times rtol."""
+BOUND = 1e-5  # a thousand times rtol
+
+# How many times as loose as elsewhere these tolerances are, and so the bounds of what no motion may violate.
 LOOSER = 100.0
-"""How many times as loose as elsewhere these tolerances are, and so the bounds of what no motion may violate."""
-PATIENCE = 60.0
-"""Time in s after which a scene counts as hanging."""
+PATIENCE = 60.0  # time in s after which a scene counts as hanging
 
 
 def _is_swapped(name: str) -> bool:

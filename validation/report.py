@@ -156,13 +156,13 @@ def _row(outcome: Outcome) -> str:
 
 # Figures
 
+# What is drawn of motions: where rows start with a name, a story, in a unit.
 STORIES: tuple[tuple[str, Callable[[], Story], str], ...] = (
     ("two-flywheels", two_flywheels, "rad/s"),
     ("reference-flywheels-4/", lambda: reference("flywheels-4"), "rad/s"),
     ("pulled-block", pulled_block, "m/s"),
     ("reference-two-blocks", lambda: reference("two-blocks"), "m/s"),
 )
-"""What is drawn of motions: where rows start with a name, a story, in a unit."""
 
 
 def _figure(figure: Figure, caption: str) -> str:

@@ -22,10 +22,8 @@ ENGINES: dict[str, dict[str, Any]] = {
     "merged Adams": {"formulation": "merged", "method": "Adams"},
     "IDA": {"formulation": "multiplier"},
 }
-NEARLY_ALL = 95
-"""Per cent of the runs that have to be within the bound."""
-BOUND = 10.0
-"""In units of rtol: what single steps leave adds up along a run."""
+NEARLY_ALL = 95  # per cent of the runs that have to be within the bound
+BOUND = 10.0  # in units of rtol: what single steps leave adds up along a run
 POINTS = 300
 
 

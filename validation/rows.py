@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from stickslip import Result, SimulationError
 
 Array = NDArray[np.float64]
-Change = tuple[float, str, int, int]
-"""A change of mode: time in s, contact, mode before, mode after."""
-
+Change = tuple[float, str, int, int]  # a change of mode: time in s, contact, mode before, mode after
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 
 

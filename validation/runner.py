@@ -15,8 +15,7 @@ from typing import Any
 from validation.rows import Outcome, Row, judge
 from validation.tried import patience
 
-_GRACE = 1.0
-"""Time in s that a process has to end by itself."""
+_GRACE = 1.0  # time in s that a process has to end by itself
 
 
 def run(

@@ -7,9 +7,10 @@ from stickslip.engines.base import Method
 
 __all__ = ["METHODS", "MethodName"]
 
+# What `simulate` takes, for editors and type checkers.
 MethodName = Literal["auto", "series", "BDF", "Adams", "RK4", "Euler"]
-"""What `simulate` takes, for editors and type checkers."""
 
+# Every method by name, as `simulate` takes it; IDA is what BDF is in the multiplier formulation.
 METHODS: dict[str, Method] = {
     "series": series.SERIES,
     "BDF": cvode.BDF,
@@ -18,4 +19,3 @@ METHODS: dict[str, Method] = {
     "RK4": fixed_step.RK4,
     "Euler": fixed_step.EULER,
 }
-"""Every method by name, as `simulate` takes it; IDA is what BDF is in the multiplier formulation."""

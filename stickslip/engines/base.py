@@ -16,8 +16,8 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
+# Local error that solvers allow per step, as a part of the tolerance asked for: what many steps add up is larger.
 LOCAL = 0.1
-"""Local error that solvers allow per step, as a part of the tolerance asked for: what many steps add up is larger."""
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,13 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
+# scikit-sundae keeps every event's record on the guard function: a fresh solver now and then.
 _EVENTS_PER_SOLVER = 20
-"""scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
 
+# First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there.
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
-"""First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there."""
 
-_Steps = tuple[float, float]
-"""Longest and first step in s."""
+_Steps = tuple[float, float]  # longest and first step in s
 
 
 class _Followed:
@@ -196,5 +195,6 @@ def _shortest(values: Array) -> float | Array:
 
 _FORMULATIONS = ("contact-force", "merged")
 BDF = Method("CVODE BDF", lambda task: Cvode(task, "BDF"), _FORMULATIONS)
+
+# Not made for stiffness.
 ADAMS = Method("CVODE Adams", lambda task: Cvode(task, "Adams"), _FORMULATIONS, resolution=1e4)
-"""Not made for stiffness."""

@@ -16,8 +16,8 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array
 
+# Steps taken before the guards are looked at, all at once: few after an event, more as the modes last.
 _FEWEST, _MOST = 4, 64
-"""Steps taken before the guards are looked at, all at once: few after an event, more as the modes last."""
 
 
 @dataclass(frozen=True)

@@ -27,15 +27,15 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
 _DENSE_LIMIT = 100
+
+# How much looser forces are judged than states: they follow from these, and nothing adds up their errors.
+#
+# Guards and results do not use them, but what the balance gives in the same state.
 _OF_FORCES = 100.0
-"""How much looser forces are judged than states: they follow from these, and nothing adds up their errors.
-
-Guards and results do not use them, but what the balance gives in the same state.
-"""
 
 
+# Part of its tolerance by which a motion goes over the first step that IDA itself would choose.
 _OWN_STEP = 0.5
-"""Part of its tolerance by which a motion goes over the first step that IDA itself would choose."""
 
 
 class Ida:

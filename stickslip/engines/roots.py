@@ -11,20 +11,16 @@ import numpy as np
 from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
-_ROUNDOFF = 2e-15
-"""Part of what adds up in a value that is uncertain."""
+_ROUNDOFF = 2e-15  # part of what adds up in a value that is uncertain
+_STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
 
-_STEPS = 50.0
-"""In so many steps the roundoff of a quantity adds up."""
-
+# So many terms a Taylor series has at least: it ends where they no longer matter. A polynomial may go on for ever.
 _LONG = 5
-"""So many terms a Taylor series has at least: it ends where they no longer matter. A polynomial may go on for ever."""
 
+# Where a polynomial touches 0 before this part of the interval, that is looked for again, with the roundoff there.
 _FAR_DOWN = 0.1
-"""Where a polynomial touches 0 before this part of the interval, that is looked for again, with the roundoff there."""
 
-_FEW = 64
-"""Polynomials up to which it takes no longer to look at all Bernstein coefficients than at some."""
+_FEW = 64  # polynomials up to which it takes no longer to look at all Bernstein coefficients than at some
 
 
 @lru_cache(maxsize=64)

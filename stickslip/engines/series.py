@@ -23,24 +23,16 @@ from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER
 from stickslip.model.arrays import Array, Indices
 
-_REMAINDER = 1e-17
-"""What is left out of a step, as a part of its largest term."""
+_REMAINDER = 1e-17  # what is left out of a step, as a part of its largest term
+_LAST = ORDER - 1  # the first of the two orders that tell what is left out
 
-_LAST = ORDER - 1
-"""The first of the two orders that tell what is left out."""
-
+# Steps after which what was followed is handed over, and how many of them a motion may need at that pace.
 _AT_ONCE, _AT_MOST = 50_000, 1e9
-"""Steps after which what was followed is handed over, and how many of them a motion may need at that pace."""
 
-_NOTHING = 1e-267
-"""What is left out, and too small to count."""
-
-_LEADING = 4
-"""Terms of which one is mostly the largest beside what is left out."""
-
+_NOTHING = 1e-267  # what is left out, and too small to count
+_LEADING = 4  # terms of which one is mostly the largest beside what is left out
 _WORTH = 0.3
-_GROWTH = 4.0
-"""How much longer than the last step the next may be."""
+_GROWTH = 4.0  # how much longer than the last step the next may be
 _TINY = np.finfo(float).tiny
 _LISTED = 5
 

@@ -11,14 +11,13 @@ import numpy as np
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array
 
+# The remedy where what the solver calls fails.
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
-"""The remedy where what the solver calls fails."""
 
+# The status where the error test or the iteration has failed too often; and how many steps before it are progress.
 _STUCK, _SOME_STEPS = (-3, -4), 10
-"""The status where the error test or the iteration has failed too often; and how many steps before it are progress."""
 
-BEYOND = 1e100
-"""What no velocity or position comes to unless something feeds it for ever."""
+BEYOND = 1e100  # what no velocity or position comes to unless something feeds it for ever
 
 
 @dataclass

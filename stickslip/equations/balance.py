@@ -23,18 +23,15 @@ import scipy
 from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.model.arrays import Array, Indices
 
+# Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common.
 _CANCELLED = 1e-14
-"""Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common."""
 
-_SMALL = 60
-"""Connected rows up to which a component is eliminated densely."""
-
-_REMEMBERED = 2000
-"""Small components that are remembered; each takes up to some 50 kB."""
-
+_SMALL = 60  # connected rows up to which a component is eliminated densely
+_REMEMBERED = 2000  # small components that are remembered; each takes up to some 50 kB
 _ZERO = 1e-11
+
+# Force between prescribed bodies that part, as a multiple of inertia times relative acceleration.
 _RIGID = 1e10
-"""Force between prescribed bodies that part, as a multiple of inertia times relative acceleration."""
 
 
 class Balance:

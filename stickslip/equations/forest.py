@@ -26,8 +26,8 @@ _ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
+# Part of the bodies that may be in knots, and bodies of one knot: its events are settled with the whole scene.
 _MOST_IN_KNOTS, _LARGEST_KNOT = 0.3, 60
-"""Part of the bodies that may be in knots, and bodies of one knot: its events are settled with the whole scene."""
 
 
 class Forest:

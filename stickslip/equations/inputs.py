@@ -13,14 +13,10 @@ from stickslip.equations.loads.loads import Stretch
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices, Mask
 
-DWELL_OVER = 40.0
-"""Dwell times after which a static coefficient has risen to the last bit."""
-
+DWELL_OVER = 40.0  # dwell times after which a static coefficient has risen to the last bit
 _DIFFERENCE = 1e-5
 
-_BESIDE = 1e-11
-"""Part of a border within which a table is not left: roundoff."""
-
+_BESIDE = 1e-11  # part of a border within which a table is not left: roundoff
 _NO_ROWS = np.empty(0, dtype=np.intp)
 _NO_NUMBERS = np.empty(0)
 

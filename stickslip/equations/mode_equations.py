@@ -28,21 +28,18 @@ from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_sma
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
-_LOCKED = 1e-11
-"""Part of its coefficients that is left of a row where it cannot move."""
-
+_LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
 _MOST_MAPS = 50
 
+# Accelerations on average that the force on one body changes, up to which sparse maps are put together.
 _NEAR = 8
-"""Accelerations on average that the force on one body changes, up to which sparse maps are put together."""
 
-_IN_FLOATS = 48
-"""Terms of the rates up to which plain floats are faster than arrays."""
+_IN_FLOATS = 48  # terms of the rates up to which plain floats are faster than arrays
 
 
+# Besides -1, 0 and +1: a row without force; a law without modes; a row that others hold at rest while it carries its
+# upper or lower level (MODEL rule 8); a row whose force is a piecewise-linear function, whatever its velocity.
 OPEN, FREE, AT_HIGH, AT_LOW, APART = 2, 3, 4, 5, 6
-"""Besides -1, 0 and +1: a row without force; a law without modes; a row that others hold at rest while it carries its
-upper or lower level (MODEL rule 8); a row whose force is a piecewise-linear function, whatever its velocity."""
 
 _NO_REGIONS = np.empty(0, dtype=np.int16)
 

@@ -13,8 +13,7 @@ from typing import Any
 
 from stickslip.equations.system import System
 
-_SMALL = 30
-"""States and rows up to which products are so small that BLAS seldom shares them."""
+_SMALL = 30  # states and rows up to which products are so small that BLAS seldom shares them
 
 
 class _OneThread:

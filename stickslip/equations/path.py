@@ -13,11 +13,8 @@ from numpy.polynomial.polynomial import polyint
 from stickslip.equations.algebra.polynomials import powers
 from stickslip.model.arrays import Array, Indices
 
-_FEW = 400
-"""Values of polynomials that are computed one by one."""
-
-_AT_ONCE = 50_000
-"""Coefficients that are evaluated at once."""
+_FEW = 400  # values of polynomials that are computed one by one
+_AT_ONCE = 50_000  # coefficients that are evaluated at once
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from stickslip.model.piecewise import Linear
 _NONE = np.empty(0, dtype=np.int16)
 Regions = NDArray[np.int16]
 
+# Part of what adds up in a border by which a state may lie beyond it and still count as at it.
 _WITHIN = 1e-9
-"""Part of what adds up in a border by which a state may lie beyond it and still count as at it."""
 
 
 class PiecewiseMatrices:

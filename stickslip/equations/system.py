@@ -32,14 +32,14 @@ from stickslip.model.quantities import Expression, Output, Position, RelativeVel
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
+# Bodies and rows together from which matrices are kept sparse: up to there products of dense ones take less time.
 _DENSE_LIMIT = 220
-"""Bodies and rows together from which matrices are kept sparse: up to there products of dense ones take less time."""
 
+# So many sets of modes of a large scene are remembered, and memory for those of a smaller one.
 _REMEMBERED_SPARSE, _MODE_BYTES = 4, 25_000_000
-"""So many sets of modes of a large scene are remembered, and memory for those of a smaller one."""
 
+# So many balances of forces, and memory for them, are kept: results are read with those of the run.
 _BALANCES, _BYTES = 4000, 32_000_000
-"""So many balances of forces, and memory for them, are kept: results are read with those of the run."""
 
 _NO_LAW = DryFriction(0.0, 0.0)
 

@@ -19,17 +19,10 @@ from stickslip.equations.loads.loads import Waves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
-ORDER = 18
-"""Order up to which motions that are no polynomials are expanded."""
-
-_MOST_ENTRIES = 1_000
-"""Entries for each order: modes of larger scenes seldom come back often enough."""
-
-_QUICKLY_MADE = 10_000
-"""Entries of a matrix that takes no longer to make than to do without it a few times."""
-
-_FASTEST = 1e12
-"""Products of rate and step beyond which powers of them may overflow."""
+ORDER = 18  # order up to which motions that are no polynomials are expanded
+_MOST_ENTRIES = 1_000  # entries for each order: modes of larger scenes seldom come back often enough
+_QUICKLY_MADE = 10_000  # entries of a matrix that takes no longer to make than to do without it a few times
+_FASTEST = 1e12  # products of rate and step beyond which powers of them may overflow
 
 
 def is_small(system: System, rows: int, waves: int) -> bool:

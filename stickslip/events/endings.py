@@ -16,19 +16,14 @@ from stickslip.equations.system import System
 from stickslip.events.impact import SAME, Struck, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_TIE, _ALONE = 1e-13, 1e-6
-"""Guards, as parts of their scales, that tie; and that are near 0."""
-
+_TIE, _ALONE = 1e-13, 1e-6  # guards, as parts of their scales, that tie; and that are near 0
 _NOTHING = 1e-200
 
-_AT_STOP = 1e-12
-"""Part of what adds up in a stretch within which it is at a limit."""
+_AT_STOP = 1e-12  # part of what adds up in a stretch within which it is at a limit
+_TOLD = 10.0  # how many times its roundoff a stretch has to be for its sign to be told
 
-_TOLD = 10.0
-"""How many times its roundoff a stretch has to be for its sign to be told."""
-
+# How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away.
 _AT_A_RATE = 1e3
-"""How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away."""
 
 
 class AtLimit(NamedTuple):

@@ -23,12 +23,8 @@ from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-SAME = 1e-12
-"""Part of a speed by which velocities that are equal may differ."""
-
-_FEW = 50
-"""Rows up to which dense matrices tell faster which are joined."""
-
+SAME = 1e-12  # part of a speed by which velocities that are equal may differ
+_FEW = 50  # rows up to which dense matrices tell faster which are joined
 _RANK = 1e-12
 _NO_DISTANCE = 1e-8
 

@@ -12,8 +12,8 @@ from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
+# A relative acceleration this small, as a part of what the single forces would cause, is none.
 _CALM, _CALM_IF_EXACT = 1e-7, 1e-11
-"""A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
 
 def label(

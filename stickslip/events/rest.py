@@ -11,11 +11,8 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.crossings import root_between
 
-_CONSTANT = 1e-7
-"""Part of the acceleration by its breakaway force that a row at rest may have left."""
-
-_DRIVEN = 1e-3
-"""Part of what adds up in an acceleration by which it differs from 0 beyond doubt."""
+_CONSTANT = 1e-7  # part of the acceleration by its breakaway force that a row at rest may have left
+_DRIVEN = 1e-3  # part of what adds up in an acceleration by which it differs from 0 beyond doubt
 
 
 def until_rest(motion: Motion, path: Path, uncertain: Array | None, margin: Array) -> tuple[Path, list[int]]:

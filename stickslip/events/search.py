@@ -20,9 +20,7 @@ from stickslip.events.sharing import share
 from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_ALONG = 1e-9
-"""Part of the largest relative acceleration below which a row does not move along."""
-
+_ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
 _ENUMERATED = 6
 _MOST_TRIALS = 1000
 

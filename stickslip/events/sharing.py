@@ -18,9 +18,7 @@ from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask
 
-_SOON = 1e-6
-"""How far ahead to look, as a part of the time in which a force changes by as much as it is."""
-
+_SOON = 1e-6  # how far ahead to look, as a part of the time in which a force changes by as much as it is
 _PART = 1e-9
 _SELF_STRESS = 1e-9
 

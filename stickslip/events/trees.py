@@ -13,11 +13,8 @@ import numpy as np
 from stickslip.equations.forest import Forest
 from stickslip.model.arrays import Array, Indices, Modes
 
-_CLEAR = 1e-9
-"""Forces nearer to their levels than this part of them are settled with the whole scene."""
-
-_MOVES = 1e-7
-"""Relative accelerations below this part of what the level would cause are, too."""
+_CLEAR = 1e-9  # forces nearer to their levels than this part of them are settled with the whole scene
+_MOVES = 1e-7  # relative accelerations below this part of what the level would cause are, too
 
 
 class Tree(NamedTuple):

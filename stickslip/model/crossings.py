@@ -12,8 +12,8 @@ import scipy
 _SAMPLES_AT_LEAST = 20
 _ROUNDOFF = 1e-12
 
+# Part of an interval where a function may be asked for its sign: seldom where it only touches 0, as halves are.
 INSIDE = 0.6180339887
-"""Part of an interval where a function may be asked for its sign: seldom where it only touches 0, as halves are."""
 
 
 def crossings(

@@ -367,8 +367,7 @@ def output(block: str, index: int = 0) -> Quantity:
     return Output(check_name(block, "output: block"), whole(index, "output: index"))
 
 
-TIME = Expression((), Line(1.0))
-"""The time t in s, as a quantity."""
+TIME = Expression((), Line(1.0))  # the time t in s, as a quantity
 
 
 def feedback(
@@ -529,10 +528,10 @@ def _read_table(what: str, quantity: Any, xs: Any, ys: Any, before: Any = 0.0, a
     return replace(found, before=before, after=after)
 
 
+# By what files call them the quantities that are made of names.
 _MAKERS: dict[str, Callable[..., Load]] = {
     maker.__name__: maker for maker in (position, velocity, relative_velocity, stretch, power, output)
 }
-"""By what files call them the quantities that are made of names."""
 _MAKERS["normal"] = lambda row: normal(row)  # noqa: PLW0108  (files call its argument row)
 
 

@@ -29,8 +29,7 @@ from stickslip.model.quantities import (
 )
 
 _ROUNDOFF = 1e-9
-_COUNTED = re.compile(r"(springs|dampers|forces)\[(\d+)\]")
-"""What has no name is called so, counted from 0."""
+_COUNTED = re.compile(r"(springs|dampers|forces)\[(\d+)\]")  # what has no name is called so, counted from 0
 
 
 @dataclass(frozen=True, init=False, repr=False)

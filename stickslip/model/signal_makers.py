@@ -10,8 +10,7 @@ from typing import Any
 from stickslip.model.checks import check_entries, check_takes, finite, sequence
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, as_signal
 
-_FASTEST = 1e100
-"""Frequency in 1/s of which powers and products can still be computed."""
+_FASTEST = 1e100  # frequency in 1/s of which powers and products can still be computed
 
 
 def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:

@@ -21,12 +21,10 @@ from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
-_MOST_PERIODS = 1e6
-"""Looking through so many periods for zeros takes half a minute."""
+_MOST_PERIODS = 1e6  # looking through so many periods for zeros takes half a minute
+_SURELY = 1e-12  # part of what adds up in a sum of sines by which it is above 0 for sure
 
-_SURELY = 1e-12
-"""Part of what adds up in a sum of sines by which it is above 0 for sure."""
-
+# What a load does where a number or an array of NumPy stands on the left.
 _REFLECTED: dict[np.ufunc, str] = {
     np.add: "__radd__",
     np.subtract: "__rsub__",
@@ -34,7 +32,6 @@ _REFLECTED: dict[np.ufunc, str] = {
     np.true_divide: "__rtruediv__",
     **dict.fromkeys((np.less, np.less_equal, np.greater, np.greater_equal), "__lt__"),
 }
-"""What a load does where a number or an array of NumPy stands on the left."""
 
 
 class Load:

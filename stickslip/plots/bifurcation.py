@@ -9,11 +9,10 @@ import numpy as np
 from stickslip.plots.style import AS_IT_IS, COLOURS, STUDY, check_is, own_axes, within_or_beside
 from stickslip.results.units import units
 
+# What marks each kind of point on a branch.
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
-"""What marks each kind of point on a branch."""
 
-_ROOM = 0.8
-"""Part of the width from which on what is said of a point stands to its left."""
+_ROOM = 0.8  # part of the width from which on what is said of a point stands to its left
 
 
 def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:

@@ -36,16 +36,11 @@ from stickslip.plots.style import (
 from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
-MANY = 12
-"""More curves or strips than this become a raster."""
-
+MANY = 12  # more curves or strips than this become a raster
 _TICKS = 200
-_UNKNOWN = 99
-"""Stands for the mode where a run does not have the contact."""
+_UNKNOWN = 99  # stands for the mode where a run does not have the contact
 _BAND: dict[str, Any] = {"color": "0.82", "linewidth": 8, "solid_capstyle": "projecting"}
-_CROWDED = 500
-"""Bars of one kind in a strip beyond which none has an edge or a hatch."""
-
+_CROWDED = 500  # bars of one kind in a strip beyond which none has an edge or a hatch
 _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
     Mode.STUCK: {"facecolor": "0.35"},

@@ -17,8 +17,9 @@ from stickslip.results.shares import share
 
 _EVENTS = 200
 _ROWS = 40
+
+# Figures of more times than this per body are bitmaps: as lines they would make the page large.
 _POINTS = 300
-"""Figures of more times than this per body are bitmaps: as lines they would make the page large."""
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">

@@ -36,12 +36,9 @@ from stickslip.plots import symbols
 from stickslip.plots.style import AS_IT_IS, new_figure, own_axes
 from stickslip.results.units import units
 
-MOST = 12
-"""More bodies and drives than this are not drawn."""
-
+MOST = 12  # more bodies and drives than this are not drawn
 _BOX, _GAP, _LEFT, _RIGHT = 0.36, 0.78, 0.24, 0.24
-_LETTER = 0.069
-"""Width of a letter; half of it is little enough to clear everything else."""
+_LETTER = 0.069  # width of a letter; half of it is little enough to clear everything else
 _POINTS = 8.0
 _LONGEST = 18
 

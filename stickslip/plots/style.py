@@ -18,32 +18,27 @@ from stickslip.model.checks import names as checked_names
 from stickslip.results.readable import Readable, check_result
 
 TIME = "time [s]"
-FINE = 1500
-"""About how many evenly spaced points curves have besides those fit for a plot."""
-
+FINE = 1500  # about how many evenly spaced points curves have besides those fit for a plot
 _COLUMNS = 800
-STUDY = (9.0, 5.0)
-"""Width and height in inches of a figure of a study."""
+STUDY = (9.0, 5.0)  # width and height in inches of a figure of a study
 NORMAL = "normal force [N]"
 
-WITH_DOTS = 300
-"""More computed points than this are not marked on the curves."""
+WITH_DOTS = 300  # more computed points than this are not marked on the curves
 
+# No panel has more curves than these.
 COLOURS = (
     *("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000", "#56B4E9", "#E69F00"),
     *("#5E3C99", "#8C1515", "#66A61E", "#01665E", "#1F3A93", "#B8A800", "#E7298A", "#A0522D"),
     *("#7570B3", "#999999", "#FB8072", "#66C2A5"),
 )
-"""No panel has more curves than these."""
 LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 MARKERS = "osD^vPX*<>hp"
 _MARKED_EVENTS = 40
-_INSIDE = 8
-"""So many entries of a legend find room within the axes."""
-_END = 16
-"""So many letters are shown of either end of a long name."""
+_INSIDE = 8  # so many entries of a legend find room within the axes
+_END = 16  # so many letters are shown of either end of a long name
+
+# Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values.
 _STRETCHED = 3.0
-"""Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values."""
 
 
 _ARE_PYPLOTS = ContextVar("whether new figures are pyplot's", default=True)
@@ -134,11 +129,10 @@ def short(text: str) -> str:
     return text if len(text) <= 2 * _END + 1 else f"{text[:_END]}…{text[-_END:]}"
 
 
+# How texts with names are drawn: a dollar in a name begins no formula.
 AS_IT_IS: dict[str, Any] = {"parse_math": False}
-"""How texts with names are drawn: a dollar in a name begins no formula."""
 
-_SHOWN = "\u200b"
-"""Before a label that begins with an underscore, which legends leave out."""
+_SHOWN = "\u200b"  # before a label that begins with an underscore, which legends leave out
 
 
 def labelled(name: str) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+# Draws on axes, at a place x, from a lower to an upper end.
 Symbol = Callable[[Any, float, float, float], None]
-"""Draws on axes, at a place x, from a lower to an upper end."""
 
 _LINE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "solid_capstyle": "butt", "zorder": 3}
 _THICK: dict[str, Any] = _LINE | {"linewidth": 2.2}

@@ -20,8 +20,7 @@ from stickslip.plots.style import (
 )
 
 _NOTES = 6
-_APART = 0.4
-"""Decades between families below what the reference can tell."""
+_APART = 0.4  # decades between families below what the reference can tell
 
 
 def work_precision(table: Any, *, ax: Any = None) -> Any:

@@ -15,11 +15,11 @@ from stickslip.model.arrays import Array
 from stickslip.results.readable import Readable
 from stickslip.results.samples import Samples, integrated
 
+# Part of the largest energy from which on it is asked whether a balance is off by roundoff alone.
 _OFF = 1e-3
-"""Part of the largest energy from which on it is asked whether a balance is off by roundoff alone."""
 
+# Part of the impulses of all forces that a body may have as a momentum though nothing moves it.
 _ROUNDOFF = 1e-15
-"""Part of the impulses of all forces that a body may have as a momentum though nothing moves it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,6 @@ class _Output:
     read = staticmethod(files.read)
 
 
+# ``output(block, index=0)`` is output `index` of a block, as a quantity; ``output.to_csv(result, path)`` and its
+# sisters write results.
 output = _Output()
-"""``output(block, index=0)`` is output `index` of a block, as a quantity; ``output.to_csv(result, path)`` and its
-sisters write results."""

@@ -25,11 +25,10 @@ from stickslip.results.pickled import PickledByFields
 
 T = TypeVar("T", bound=np.generic)
 
-_VALUES = 64_000
-"""Values that are computed at once: memory stays near the processor."""
+_VALUES = 64_000  # values that are computed at once: memory stays near the processor
 
+# Fields of a patchwork that stand in files under their own names.
 _ARRAYS = ("starts", "ticks", "piece_of_tick")
-"""Fields of a patchwork that stand in files under their own names."""
 
 _SHOWN = 10
 
@@ -54,8 +53,7 @@ def _unpacked() -> Modes:
 
 _UNPACKED = _unpacked()
 
-_IN_ENTRY = 3
-"""Times of an entry at which the range of what it gives is looked for."""
+_IN_ENTRY = 3  # times of an entry at which the range of what it gives is looked for
 
 
 class Patches:

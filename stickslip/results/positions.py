@@ -11,8 +11,7 @@ from stickslip.model.arrays import Array, Indices
 from stickslip.results.trajectory import Trajectory
 
 _PER_PERIOD = 8
-_NODES = 10
-"""Gauss nodes in each part of a period of a drive; exact for polynomials of degree 19."""
+_NODES = 10  # Gauss nodes in each part of a period of a drive; exact for polynomials of degree 19
 
 
 def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array:

@@ -30,13 +30,14 @@ from stickslip.results.trajectory import Trajectory, at_rows, by_piece, columns
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
 
+# States at all times, from so many on, are read by name where that costs no more than what is read.
 _WIDE = 2_000_000
-"""States at all times, from so many on, are read by name where that costs no more than what is read."""
 
 _AT_ONCE = 1_000_000
 _PER_PERIOD = 8
+
+# Gauss nodes per step; exact for polynomials of degree 19, and for products of two series to the last bit.
 _MOST_NODES = 10
-"""Gauss nodes per step; exact for polynomials of degree 19, and for products of two series to the last bit."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,8 @@ from stickslip.results.samples import Samples
 from stickslip.results.steps import Steps
 from stickslip.results.trajectory import Trajectory
 
-_STRAIGHT = 1e-3
-"""How far straight lines between the times may be off, as a part of each quantity's range."""
-
-_NOTHING = 1e-9
-"""A range below this part of the largest one is roundoff and no reason for more times."""
-
+_STRAIGHT = 1e-3  # how far straight lines between the times may be off, as a part of each quantity's range
+_NOTHING = 1e-9  # a range below this part of the largest one is roundoff and no reason for more times
 _MOST_PARTS = 200
 
 

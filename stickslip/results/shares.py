@@ -12,8 +12,9 @@ from stickslip.results.samples import Samples
 
 _OF_CONTACTS = (Mode.BACKWARD, Mode.STUCK, Mode.FORWARD)
 _OF_GAPS = (Mode.BACKWARD, Mode.OPEN, Mode.FORWARD)
+
+# Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign.
 _PARTS = 32
-"""Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign."""
 
 
 def share(result: Readable, row: str) -> dict[Mode, float]:

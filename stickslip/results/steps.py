@@ -12,9 +12,7 @@ import numpy as np
 from stickslip.equations.path import Path, values, whole_integrals
 from stickslip.model.arrays import Array, Complex, Indices, Mask
 
-_AT_ONCE = 50_000
-"""Coefficients that are put together at once."""
-
+_AT_ONCE = 50_000  # coefficients that are put together at once
 _LEAST = np.finfo(float).tiny
 
 

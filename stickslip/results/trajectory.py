@@ -24,8 +24,7 @@ from stickslip.results.steps import Blocks
 
 T = TypeVar("T", bound=np.generic)
 
-_AT_ONCE = 2_000_000
-"""Coefficients that are put together at once."""
+_AT_ONCE = 2_000_000  # coefficients that are put together at once
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,14 +24,13 @@ from stickslip.simulation.tolerances import largest_value
 Formulation = Literal["contact-force", "merged", "multiplier"]
 Times = Sequence[float] | NDArray[Any]
 
+# Part of the largest speed by which velocities at the start may break a tie; they are projected.
 _BROKEN = 1e-9
-"""Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
+# Distance in m or rad that is none: positions near a limit of 0 may have the roundoff of larger ones.
 _NO_DISTANCE = 1e-15
-"""Distance in m or rad that is none: positions near a limit of 0 may have the roundoff of larger ones."""
 
-_MOST_STEPS = 1e10
-"""So many steps take a day; whoever wants fewer may press Ctrl-C."""
+_MOST_STEPS = 1e10  # so many steps take a day; whoever wants fewer may press Ctrl-C
 
 
 def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:

@@ -21,14 +21,9 @@ from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array
 from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
-TOGETHER = 1e-14
-"""Part of a time within which nothing can be told apart."""
-
-_NEAR = 0.999
-"""Part of a motion's time from which on its end tells rates."""
-
-_MORE = 3
-"""By how much more than the state's the order of a quantity is taken that is a function of it."""
+TOGETHER = 1e-14  # part of a time within which nothing can be told apart
+_NEAR = 0.999  # part of a motion's time from which on its end tells rates
+_MORE = 3  # by how much more than the state's the order of a quantity is taken that is a function of it
 
 
 class Borders:

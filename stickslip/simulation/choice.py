@@ -10,11 +10,10 @@ from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import APART, OPEN, equations_in
 from stickslip.equations.system import System
 
+# A decay this many times faster than all oscillations, over this many decay times, is left to an implicit method.
+#
+# Measured (`benchmarks/border.py`): there the exact series takes about twice as long.
 _STIFF, _LONG = 200.0, 5e3
-"""A decay this many times faster than all oscillations, over this many decay times, is left to an implicit method.
-
-Measured (`benchmarks/border.py`): there the exact series takes about twice as long.
-"""
 
 
 def choose(system: System, loads: Loads, formulation: str, method: str, duration: float) -> tuple[str, str]:

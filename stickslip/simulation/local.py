@@ -32,16 +32,13 @@ from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.watching import Failed, Watch
 
+# Events that come this near to each other, in units of time of the series, are settled together.
 _TIE = 1e-11
-"""Events that come this near to each other, in units of time of the series, are settled together."""
 
-_MOST_AT_ONCE = 4
-"""Borders that a gap may pass in one instant before the whole scene is asked."""
-
+_MOST_AT_ONCE = 4  # borders that a gap may pass in one instant before the whole scene is asked
 _NONE = np.empty(0, dtype=np.intp)
 
-_FLUSH = 50
-"""Entries for each state after which a run that keeps only outputs hands over what it has."""
+_FLUSH = 50  # entries for each state after which a run that keeps only outputs hands over what it has
 
 
 class Ending(NamedTuple):

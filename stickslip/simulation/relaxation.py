@@ -12,8 +12,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.laws.lugre import FASTEST
 
-_TOO_MUCH = 1e-4
-"""Part of the impulse of their level by which that of bristles may be larger."""
+_TOO_MUCH = 1e-4  # part of the impulse of their level by which that of bristles may be larger
 
 
 class Relaxation:

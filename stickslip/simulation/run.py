@@ -52,8 +52,8 @@ from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.tolerances import Reached, Tolerances
 from stickslip.simulation.watching import Failed, Watch
 
+# A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead.
 _FROM_NOTHING = 1e-6
-"""A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
 
 
 class Run:

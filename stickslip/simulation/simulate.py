@@ -172,8 +172,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     return result
 
 
-_MANY = 16
-"""Bodies from which events are followed one by one where they are."""
+_MANY = 16  # bodies from which events are followed one by one where they are
 
 
 def compiled(scene: Scene) -> System:

@@ -17,32 +17,28 @@ from stickslip.model.arrays import Array
 from stickslip.model.checks import rounded_up
 from stickslip.model.signals import Signal
 
+# What errors of steps may add up to: a multiple of what is uncertain, at the most a part of the scene's velocities.
 _TIMES, _AT_MOST = 100.0, 1e-3
-"""What errors of steps may add up to: a multiple of what is uncertain, at the most a part of the scene's velocities."""
 
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
-_FORCE_UNCERTAINTY = 1e-12
-"""Part of the forces that is uncertain at least."""
+_FORCE_UNCERTAINTY = 1e-12  # part of the forces that is uncertain at least
+_EXACT = 1e-8  # part of the scene's velocities that an exact engine resolves, whatever the tolerances
 
-_EXACT = 1e-8
-"""Part of the scene's velocities that an exact engine resolves, whatever the tolerances."""
-
+# Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move.
 _HIDDEN = 1e-5
-"""Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
 
+# What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance.
 _NOISE, _SEEN = 1e-11, 1e-3
-"""What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance."""
 
+# Part of what adds up in accelerations, times the span, that no absolute tolerance of velocities goes below.
 _ROUNDOFF = 1e-15
-"""Part of what adds up in accelerations, times the span, that no absolute tolerance of velocities goes below."""
 
+# Part of the scene's velocities below which loads tell nothing of a part: a few times miss pulses.
 _UNSEEN = 1e-13
-"""Part of the scene's velocities below which loads tell nothing of a part: a few times miss pulses."""
 
-_REBOUND = 1e-11
-"""Part of the scene's velocities below which stops do not rebound where the engine is exact."""
+_REBOUND = 1e-11  # part of the scene's velocities below which stops do not rebound where the engine is exact
 
 
 @dataclass(frozen=True)

@@ -21,20 +21,17 @@ from stickslip.model.arrays import Array
 from stickslip.model.when import When
 from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
+# How often a step is halved at most in which a quantity is no such polynomial, and how many parts are at once.
 _HALVINGS, _AT_MOST = 16, 1000
-"""How often a step is halved at most in which a quantity is no such polynomial, and how many parts are at once."""
 
+# The last terms tell, where they are such a part of what varies; beyond so many times that it stays off 0.
 _LAST, _RESOLVED, _FAR = 4, 1e-9, 4.0
-"""The last terms tell, where they are such a part of what varies; beyond so many times that it stays off 0."""
 
+# How long before it bends and stays at 0 a quantity is off 0, as a part of the parts about, and by how much noise.
 _SHORTLY, _OFF = 1e-3, 10.0
-"""How long before it bends and stays at 0 a quantity is off 0, as a part of the parts about, and by how much noise."""
 
-_LOOKS = 200
-"""Places along a path at which it is looked for where a function fails."""
-
-_PARTS = 4
-"""Parts of the shortest period of the loads within which a quantity is a polynomial."""
+_LOOKS = 200  # places along a path at which it is looked for where a function fails
+_PARTS = 4  # parts of the shortest period of the loads within which a quantity is a polynomial
 
 
 class Crossing(NamedTuple):

@@ -20,14 +20,9 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
 
-_AHEAD = 1e-6
-"""Time in s that is simulated to find the modes."""
-
-_ROUNDOFF = 1e2 * np.finfo(float).eps
-"""Error of a matrix as a part of its size."""
-
-_AT_CORNER = 1e-9
-"""Part of its size within which a quantity is at a corner of a force."""
+_AHEAD = 1e-6  # time in s that is simulated to find the modes
+_ROUNDOFF = 1e2 * np.finfo(float).eps  # error of a matrix as a part of its size
+_AT_CORNER = 1e-9  # part of its size within which a quantity is at a corner of a force
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,9 @@ _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d+)\]")
 _AT_START = {"velocity", "position", "rested"}
 _SCALE = "scale"
 _LOADS = ("normal", "signal", "velocity")
+
+# Fields of signals that have the unit of what the signal is.
 _OF_LOADS = ("amplitude", "offset", "value", "values")
-"""Fields of signals that have the unit of what the signal is."""
 
 
 @dataclass(frozen=True)

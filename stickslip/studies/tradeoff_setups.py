@@ -14,12 +14,12 @@ from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled, simulate
 
 TOLERANCES = (3e-2, *(10.0**-k for k in range(2, 12)))
-PRE_SLIP = tuple(10.0**-k for k in range(1, 7))
-"""Pre-slip velocities as parts of the velocity scale."""
+PRE_SLIP = tuple(10.0**-k for k in range(1, 7))  # pre-slip velocities as parts of the velocity scale
 SHAPES: tuple[Shape, ...] = ("linear", "tanh", "arctan")
 STEPS = (30, 100, 300, 1000, 10_000)
+
+# Numbers of fixed steps of regularised scenes, whose stiffness forbids fewer.
 PRE_SLIP_STEPS = (300, 3000, 30_000)
-"""Numbers of fixed steps of regularised scenes, whose stiffness forbids fewer."""
 _ABSOLUTE = 0.01  # absolute tolerance, as a part of the relative one at the velocity scale
 
 

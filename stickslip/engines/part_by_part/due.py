@@ -15,19 +15,16 @@ from stickslip.equations.inputs import DWELL_OVER
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.model.arrays import Array, Indices, Mask
 
-_WORTH = 0.3
-"""Part of a dwell time for which the series of a rising level is followed."""
-
+_WORTH = 0.3  # part of a dwell time for which the series of a rising level is followed
 _TERMS_WITH_DWELL = 20
 
+# Part of what adds up in a derivative from which on it tells clearly to which side of a border a gap goes.
 _CLEAR = 1e-9
-"""Part of what adds up in a derivative from which on it tells clearly to which side of a border a gap goes."""
 
+# Part of what adds up in an acceleration from which on it tells clearly to which side an open row moves.
 _MOVES = 1e-6
-"""Part of what adds up in an acceleration from which on it tells clearly to which side an open row moves."""
 
-_STAYS = -1
-"""In place of the number of zeros: a gap stays at its border as long as nothing near it changes."""
+_STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
 
 
 class Due:

@@ -9,8 +9,7 @@ from stickslip.engines.part_by_part.knots import Knot
 from stickslip.equations.forest import Forest
 from stickslip.model.arrays import Indices, Mask
 
-UNLED = -2
-"""What leads a group: nothing; else it is -1, the ground, or the number of a drive."""
+UNLED = -2  # what leads a group: nothing; else it is -1, the ground, or the number of a drive
 
 
 class Groups:

@@ -25,8 +25,7 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_MANY = 120
-"""Bodies in a patch from which its matrices are sparse."""
+_MANY = 120  # bodies in a patch from which its matrices are sparse
 
 
 class Patch(NamedTuple):

@@ -17,36 +17,29 @@ import scipy
 from stickslip.engines.solvers.along import Along
 from stickslip.model.arrays import Array, Indices, Mask
 
+# About the quarters of a step, not evenly: what repeats itself from one to the next is no line.
 _PLACES = np.array([0.0, 0.23, 0.49, 0.77, 1.0])
-"""About the quarters of a step, not evenly: what repeats itself from one to the next is no line."""
 
-_THIRD = np.zeros((5, 2))
-"""Weights of the two third differences there."""
+_THIRD = np.zeros((5, 2))  # weights of the two third differences there
 _THIRD[:4, 0], _THIRD[1:, 1] = (
     6 / 4**3 / np.prod(some[:, None] - some + np.eye(4), axis=1) for some in (_PLACES[:4], _PLACES[1:])
 )
 
+# How often a step is halved at most in which they do not tell what a guard does, and how many parts are looked at.
 _HALVINGS, _AT_MOST = 12, 1000
-"""How often a step is halved at most in which they do not tell what a guard does, and how many parts are looked at."""
 
-_TOLD = 0.1
-"""Third differences of a guard over a step, as a part of its range there, that tell what it does."""
-
-_FAR = 0.1
-"""The same as a part of what it is above 0."""
-
-_LATE = 1e-3
-"""Part of the last step from its end at which guards are looked at, too."""
-
+_TOLD = 0.1  # third differences of a guard over a step, as a part of its range there, that tell what it does
+_FAR = 0.1  # the same as a part of what it is above 0
+_LATE = 1e-3  # part of the last step from its end at which guards are looked at, too
 _SUSPICION = 5e-2
 _FEW_TURNS = 3
 _DWELLS = np.geomspace(0.02, 40.0, 24)
 
+# Part of what is uncertain that a velocity keeps at the most where it touches 0: errors seldom add up fully.
 _TOUCHES = 0.1
-"""Part of what is uncertain that a velocity keeps at the most where it touches 0: errors seldom add up fully."""
 
+# From so many times what is uncertain a velocity has to come down first, or a touch is not told from a ripple.
 _FROM_ABOVE = 1e2
-"""From so many times what is uncertain a velocity has to come down first, or a touch is not told from a ripple."""
 
 
 class Dip(NamedTuple):

@@ -20,20 +20,16 @@ from stickslip.model.arrays import Array
 
 _STEPS_PER_PERIOD = 8
 
-_ROOT = 2
-"""The status of a solver that has been stopped by a guard."""
+_ROOT = 2  # the status of a solver that has been stopped by a guard
+_FIRST = 1e-3  # longest first step as a part of the time ahead
 
-_FIRST = 1e-3
-"""Longest first step as a part of the time ahead."""
-
+# Steps that are many to be lost, and how many times as far as where the event was to go the next time.
 _LOST, _FARTHER = 200, 2.0
-"""Steps that are many to be lost, and how many times as far as where the event was to go the next time."""
 
-_ATTEMPTS = 3
-"""How often in a row a solver goes on from a point before one at which something failed."""
+_ATTEMPTS = 3  # how often in a row a solver goes on from a point before one at which something failed
 
+# How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most.
 _SHORT = (0.9, 0.5, 0.25, 0.1)
-"""How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
 
 
 def longest_step(motion: Motion, max_step: float, period: float) -> float:

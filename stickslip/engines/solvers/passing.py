@@ -20,8 +20,7 @@ from stickslip.equations.guards.guards import FULLY
 from stickslip.equations.path import Path
 from stickslip.model.crossings import root_between
 
-_FEW = 4
-"""Points that are looked at together, the last first: a velocity is not beyond 0 for long."""
+_FEW = 4  # points that are looked at together, the last first: a velocity is not beyond 0 for long
 
 
 def back_to_zero(along: Along, end: float) -> Path:

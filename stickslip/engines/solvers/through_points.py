@@ -24,31 +24,20 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.model.arrays import Array, Indices
 
+# Highest degree for the points of a method: about that of its own polynomials.
 _DEGREE = {"BDF": 6, "Adams": 12}
-"""Highest degree for the points of a method: about that of its own polynomials."""
 
+# Error, as a part of the tolerance, from which on a higher degree adds nothing but the errors of the points.
 _NEGLIGIBLE = 1e-2
-"""Error, as a part of the tolerance, from which on a higher degree adds nothing but the errors of the points."""
 
-_AHEAD = 2
-"""Terms beyond a degree that tell its error: one alone may be small by chance."""
-
-_NO_STEP = 1e-6
-"""Part of the steps before and after that a step has at least whose end tells something."""
-
-_SHORT = 1e-3
-"""Part of a step beside it from which on a step is none that tells only roundoff."""
-
-_MOST_WITH_RATES = 7
-"""Points around a step whose rates are asked at most."""
-
-_ORDER_WITH_RATES = 2 * _MOST_WITH_RATES - 1
-"""The order of the polynomial through these points and rates."""
-
+_AHEAD = 2  # terms beyond a degree that tell its error: one alone may be small by chance
+_NO_STEP = 1e-6  # part of the steps before and after that a step has at least whose end tells something
+_SHORT = 1e-3  # part of a step beside it from which on a step is none that tells only roundoff
+_MOST_WITH_RATES = 7  # points around a step whose rates are asked at most
+_ORDER_WITH_RATES = 2 * _MOST_WITH_RATES - 1  # the order of the polynomial through these points and rates
 _ROUNDOFF = np.finfo(float).eps
 
-_AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)
-"""Parts of the points that lie before a step."""
+_AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)  # parts of the points that lie before a step
 
 
 def path_through(

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array, Indices
 
-STATES = 2
-"""The first column of the states."""
-
+STATES = 2  # the first column of the states
 _ONE = 2
 
 

@@ -11,8 +11,8 @@ import scipy
 
 from stickslip.model.arrays import Array, Indices
 
+# Rows and columns of a part of a matrix, numbers for one of them at most, and what stands there.
 Block = tuple[slice | Indices, slice | Indices, Any]
-"""Rows and columns of a part of a matrix, numbers for one of them at most, and what stands there."""
 
 
 class Triplets:

@@ -11,36 +11,24 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-ROUNDOFF = 1e-12
-"""Part of what adds up in a quantity that is uncertain."""
+ROUNDOFF = 1e-12  # part of what adds up in a quantity that is uncertain
 
+# The same in forces of rows that drives lead whose velocities are functions: their accelerations are differences.
 _BY_DIFFERENCES = 1e-9
-"""The same in forces of rows that drives lead whose velocities are functions: their accelerations are differences."""
 
-AT_LIMIT = 1e-10
-"""Part of its level within which a force is at it."""
-
-_AS_FIRED = 1e-6
-"""The same for a row that an event has just found there."""
-
-STRETCH_ROUNDOFF = 1e-15
-"""Part of what adds up in a stretch within which a stop is at its limit."""
-
-_NEAR = 1e-5
-"""A held row this near to its level, as a part of it, deserves a closer look."""
-
+AT_LIMIT = 1e-10  # part of its level within which a force is at it
+_AS_FIRED = 1e-6  # the same for a row that an event has just found there
+STRETCH_ROUNDOFF = 1e-15  # part of what adds up in a stretch within which a stop is at its limit
+_NEAR = 1e-5  # a held row this near to its level, as a part of it, deserves a closer look
 _NEAR_IN_TIME = 1e-12
-TIME = 1e-15
-"""Part of the time that is uncertain."""
+TIME = 1e-15  # part of the time that is uncertain
 
+# Part of what adds up in second and higher coefficients that is uncertain in motions that are not linear: there these
+# are differences.
 DIFFERENCED = 1e-6
-"""Part of what adds up in second and higher coefficients that is uncertain in motions that are not linear: there these
-are differences."""
 
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
-HIGHEST = 8
-"""Order up to which coefficients are looked at where lower ones are 0."""
-
+HIGHEST = 8  # order up to which coefficients are looked at where lower ones are 0
 _ORDERS = np.arange(1.0, HIGHEST + 2)[:, None]
 _NO_ROWS = np.empty(0, dtype=np.intp)
 

@@ -19,11 +19,11 @@ from stickslip.equations.guards.at_start import AT_LIMIT, NEVER, ROUNDOFF, Guard
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
 
+# Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff.
 FULLY = 0.999
-"""Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
 
+# Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell.
 _IF_DWELLING = 1e-2
-"""Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell."""
 
 _TINY = np.finfo(float).tiny
 

@@ -10,8 +10,8 @@ import numpy as np
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
+# Parts of a dead band within which a velocity is at its edge, and by which it is beyond it for certain.
 AT_BAND, _BEYOND_BAND = 1e-6, 1e-5
-"""Parts of a dead band within which a velocity is at its edge, and by which it is beyond it for certain."""
 
 
 class GuardValues:

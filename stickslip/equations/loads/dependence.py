@@ -16,11 +16,8 @@ from stickslip.equations.loads.loads import TableRegions
 from stickslip.equations.loads.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
-_CANCELLED = 1e-14
-"""Part of what adds up in a sum below which it is roundoff."""
-
-_KEPT = 16
-"""Values of a function that are remembered: the solver and its guards ask for the same ones."""
+_CANCELLED = 1e-14  # part of what adds up in a sum below which it is roundoff
+_KEPT = 16  # values of a function that are remembered: the solver and its guards ask for the same ones
 
 
 class Friction(Protocol):

@@ -18,22 +18,17 @@ from stickslip.model.arrays import Array
 from stickslip.model.crossings import INSIDE
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
+# The entries to which sines are added, and how fast these turn in rad/s.
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
-"""The entries to which sines are added, and how fast these turn in rad/s."""
 
 NO_WAVES: Waves = ((), ())
 
+# The region of each table in which a motion is; None where tables are looked up.
 TableRegions = tuple[int, ...] | None
-"""The region of each table in which a motion is; None where tables are looked up."""
 
-_JUMP = 1e-9
-"""Part of a signal by which it jumps at least."""
-
-_TOGETHER = 2e-15
-"""Part of a time by which breaks differ that are the same but for roundoff."""
-
-_MOST_ENTRIES = 10_000
-"""Entries of stretches that are kept at most."""
+_JUMP = 1e-9  # part of a signal by which it jumps at least
+_TOGETHER = 2e-15  # part of a time by which breaks differ that are the same but for roundoff
+_MOST_ENTRIES = 10_000  # entries of stretches that are kept at most
 
 
 class Span(NamedTuple):

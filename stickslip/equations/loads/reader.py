@@ -21,15 +21,12 @@ from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
 _Found = TypeVar("_Found")
-Key = tuple[str, int, int]
-"""Kind of an input, its number, and for functions which of their values."""
+Key = tuple[str, int, int]  # kind of an input, its number, and for functions which of their values
+_STEP, _SMALL = 1e-5, 1e-3  # differences are this part of an argument, or of a small number
 
-_STEP, _SMALL = 1e-5, 1e-3
-"""Differences are this part of an argument, or of a small number."""
-
+# Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
+# part of a slope by which it must differ from that over a larger step.
 _TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-2
-"""Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
-part of a slope by which it must differ from that over a larger step."""
 
 
 @dataclass

@@ -42,6 +42,8 @@ __all__ = [
     "Tie",
 ]
 
+# Every kind of element by the name of its table in a scene, in the order in which elements are entered: bodies and
+# drives before what joins them, contacts before the other rows.
 KINDS: dict[str, type[Element]] = {
     "bodies": Body,
     "drives": Drive,
@@ -59,5 +61,3 @@ KINDS: dict[str, type[Element]] = {
     "sampled": Sampled,
     "forces": Force,
 }
-"""Every kind of element by the name of its table in a scene, in the order in which elements are entered: bodies and
-drives before what joins them, contacts before the other rows."""

@@ -13,8 +13,8 @@ from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signals import Load
 
+# How a body moves: it decides the units that tables and drawings show, and no number.
 Motion = Literal["rotation", "translation"]
-"""How a body moves: it decides the units that tables and drawings show, and no number."""
 
 
 class Element(metaclass=NamedArguments):

@@ -21,8 +21,7 @@ from stickslip.model.quantities import Expression, as_expression
 from stickslip.model.signals import Load
 
 Function = Callable[[float, Array, Array], Any]
-Inputs = Sequence[Load | float]
-"""What inputs are given as; a block holds them as expressions."""
+Inputs = Sequence[Load | float]  # what inputs are given as; a block holds them as expressions
 Numbers = Sequence[float]
 
 _VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS

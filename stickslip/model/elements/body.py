@@ -7,8 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 from stickslip.model.elements.base import Motion, Moving
 from stickslip.model.elements.book import Book
 
-_LEAST = 1e-300
-"""Smaller numbers have no inverse."""
+_LEAST = 1e-300  # smaller numbers have no inverse
 
 
 @dataclass(frozen=True)

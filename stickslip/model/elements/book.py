@@ -11,8 +11,7 @@ from stickslip.model.piecewise import Region
 from stickslip.model.quantities import Quantity
 from stickslip.model.signals import ZERO, Constant, Load
 
-GROUND = "ground"
-"""Name of the ground: a body that never moves."""
+GROUND = "ground"  # name of the ground: a body that never moves
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from stickslip.model.laws.kinetic import Kinetic
 
 _MAKERS: dict[str, type[Law]] = {}
 
+# Part of the static coefficient by which a curve may exceed it at rest: what sums in it may be rounded up.
 _ROUNDOFF = 1e-12
-"""Part of the static coefficient by which a curve may exceed it at rest: what sums in it may be rounded up."""
 
 
 class Law(metaclass=NamedArguments):

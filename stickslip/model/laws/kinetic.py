@@ -12,11 +12,10 @@ from stickslip.model.arrays import Array, Mask
 from stickslip.model.laws.base import Kernel
 
 _UNDERFLOW = 745.0
-_BESIDE = 1e-100
-"""Part of the Stribeck velocity that is as good as rest."""
+_BESIDE = 1e-100  # part of the Stribeck velocity that is as good as rest
 
+# Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper.
 _STEEPEST = 1e-3
-"""Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper."""
 
 
 class Kinetic:

@@ -13,11 +13,11 @@ from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 
 _TINY = 1e-300
-_NEARLY_OPEN, _SAMPLES = 1e-4, 101
-"""Part of its largest value, at so many times, below which a normal force is nearly 0."""
 
-FASTEST = 1e12
-"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
+# Part of its largest value, at so many times, below which a normal force is nearly 0.
+_NEARLY_OPEN, _SAMPLES = 1e-4, 101
+
+FASTEST = 1e12  # bristles relax at most at this rate in 1/s, also where the normal force vanishes
 
 
 class _Bristles(Kernel):

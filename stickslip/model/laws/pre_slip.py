@@ -15,8 +15,7 @@ from stickslip.model.laws.kinetic import Kinetic
 
 Shape = Literal["linear", "tanh", "arctan"]
 
-_MEMORY = 0.1
-"""A slipping contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)."""
+_MEMORY = 0.1  # a slipping contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)
 
 
 class _Building(Kernel):

@@ -26,29 +26,24 @@ from stickslip.studies.cycles.search import limit_cycle
 from stickslip.studies.cycles.shooting import CycleError
 from stickslip.studies.parameters import Parameter, named_parameters
 
-_SHORTEST_STEP = 1 / 256
-"""Shortest step from value to value, as a part of their distance."""
+_SHORTEST_STEP = 1 / 256  # shortest step from value to value, as a part of their distance
 
+# First and shortest step along an arc, in distances of values; how many of them, and how many folds, are followed.
 _FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
-"""First and shortest step along an arc, in distances of values; how many of them, and how many folds, are followed."""
 
+# Part by which a cycle that meets the end of a branch may differ from it, and at how many values it is looked for.
 _MEETS, _LOOKS = 0.02, 3
-"""Part by which a cycle that meets the end of a branch may differ from it, and at how many values it is looked for."""
 
+# Part of the way from a fold to the next value on which cycles keep their sequence of modes.
 _NEAR_FOLD = 0.1
-"""Part of the way from a fold to the next value on which cycles keep their sequence of modes."""
 
-_SHRUNK = 0.05
-"""Part of its speeds to which a cycle shrinks that is about to become a state of rest."""
+_SHRUNK = 0.05  # part of its speeds to which a cycle shrinks that is about to become a state of rest
 
+# Part of what is left up to the end of a branch that is tried where half of it does not lead on.
 _SHORT_STEP = 1 / 8
-"""Part of what is left up to the end of a branch that is tried where half of it does not lead on."""
 
-_GROWN = 10.0
-"""How many times as long as at the last value the period is where it grows without bound."""
-
-_SAME = 1e-6
-"""Part of a period by which it may differ where the way back leads to the same cycle."""
+_GROWN = 10.0  # how many times as long as at the last value the period is where it grows without bound
+_SAME = 1e-6  # part of a period by which it may differ where the way back leads to the same cycle
 
 
 def continue_cycle(
@@ -441,9 +436,9 @@ def _torus(cycle: Cycle) -> float:
     return float(np.prod(1.0 - pairs[::2])) if pairs.size else 1.0
 
 
+# How multipliers pass the unit circle: by what changes its sign then, and in words.
 _PASSES: dict[str, tuple[Callable[[Cycle], float], str]] = {
     "crossing": (_crossing, "a multiplier passes 1: a symmetry breaks, or another branch crosses"),
     "flip": (_flip, "a multiplier passes -1: the period doubles"),
     "torus": (_torus, "a pair of multipliers passes the unit circle"),
 }
-"""How multipliers pass the unit circle: by what changes its sign then, and in words."""

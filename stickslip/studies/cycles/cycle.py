@@ -16,11 +16,8 @@ from stickslip.studies.cycles.periodicity import scene_at
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
 
-_ZERO = 1e-9
-"""A multiplier whose imaginary part is no larger is shown as a real number."""
-
-_NEUTRAL = 1e-6
-"""Within this distance from 1 it is not told whether a deviation grows or dies away."""
+_ZERO = 1e-9  # a multiplier whose imaginary part is no larger is shown as a real number
+_NEUTRAL = 1e-6  # within this distance from 1 it is not told whether a deviation grows or dies away
 
 
 @dataclass(frozen=True, eq=False)

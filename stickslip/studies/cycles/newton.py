@@ -19,17 +19,16 @@ from stickslip.studies.cycles.periodicity import check_loads
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
+# Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends.
 _MOST_STEPS, _MOST_TRIALS, _PATIENCE = 25, 6, 4
-"""Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends."""
 
-_SURE = 1e-4
-"""Part of the tolerance below which no further step is taken."""
+_SURE = 1e-4  # part of the tolerance below which no further step is taken
 
+# A cycle that lies further from its prediction than these parts of its size and of the change is another one.
 _NEAR_BY, _FAR = 0.05, 0.5
-"""A cycle that lies further from its prediction than these parts of its size and of the change is another one."""
 
+# Parts by which a cycle is made smaller to find one just within it.
 _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-"""Parts by which a cycle is made smaller to find one just within it."""
 
 
 def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:

@@ -20,8 +20,8 @@ from stickslip.results.continuation import on_stops
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import Direction
 
+# Part of positions by which combinations of them that do not move have to close: it is measured in 1e-10 of that.
 _STILL = 1e-6
-"""Part of positions by which combinations of them that do not move have to close: it is measured in 1e-10 of that."""
 
 
 def check_loads(system: System, period: float) -> None:

@@ -8,12 +8,11 @@ import numpy as np
 
 from stickslip.studies.cycles.cycle import Cycle
 
-_SHORT = 0.02
-"""A phase shorter than this part of the period is about to vanish."""
+_SHORT = 0.02  # a phase shorter than this part of the period is about to vanish
 
+# A relative velocity that changes by less than the last part of its range in a period grazes. Its slope is taken so
+# many periods before it is 0, but in the last part of the motion that leads there.
 _BEFORE, _LATEST, _GRAZES = 1e-4, 1e-2, 0.3
-"""A relative velocity that changes by less than the last part of its range in a period grazes. Its slope is taken so
-many periods before it is 0, but in the last part of the motion that leads there."""
 
 
 def alike(a: Cycle, b: Cycle) -> bool:

@@ -20,23 +20,15 @@ from stickslip.studies.cycles.cycle import Cycle, cycle_of
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
-_MOST_STEPS = 12
-"""Steps of Newton's method back to the branch."""
+_MOST_STEPS = 12  # steps of Newton's method back to the branch
+_TURNED = 0.7  # cosine of the angle by which the tangent may turn in a step
+_FAR = 0.5  # part of its step by which a corrected place may lie off the predicted one
 
-_TURNED = 0.7
-"""Cosine of the angle by which the tangent may turn in a step."""
-
-_FAR = 0.5
-"""Part of its step by which a corrected place may lie off the predicted one."""
-
+# What says that there is no cycle where it was looked for.
 ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
-"""What says that there is no cycle where it was looked for."""
 
-_SURE = 1e-2
-"""Part of the tolerance below which no further step is taken."""
-
-_AT_FOLD = 1e-9
-"""Part of a step to which a fold is found."""
+_SURE = 1e-2  # part of the tolerance below which no further step is taken
+_AT_FOLD = 1e-9  # part of a step to which a fold is found
 
 
 @dataclass(frozen=True)

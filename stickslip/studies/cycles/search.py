@@ -25,27 +25,22 @@ from stickslip.studies.cycles.periodicity import Closing, check_constant, check_
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.derivatives.variations import simulated
 
-_NEAR = 0.05
-"""Part of its size within which a motion comes back to where a search begins."""
+_NEAR = 0.05  # part of its size within which a motion comes back to where a search begins
 
+# A first transient lasts so many turns; each further one is so many times as long, and so many are tried.
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
-"""A first transient lasts so many turns; each further one is so many times as long, and so many are tried."""
 
+# Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns.
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
-"""Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
-_MOST_STEPS = 400_000
-"""A transient that would take more steps is not tried."""
+_MOST_STEPS = 400_000  # a transient that would take more steps is not tried
 
+# A motion of which less is left than the first part in the last quarter of a transient comes to rest; one of which
+# less is left of its largest velocities than the second has come there.
 _SHRINKS, _DEAD = 0.9, 1e-9
-"""A motion of which less is left than the first part in the last quarter of a transient comes to rest; one of which
-less is left of its largest velocities than the second has come there."""
 
-_BACK = 8
-"""Periods at whose ends a motion has to be where it was some periods before to be of that period."""
-
-_MOST_FAILURES = 3
-"""After how many transients Newton's method may fail where the period is free."""
+_BACK = 8  # periods at whose ends a motion has to be where it was some periods before to be of that period
+_MOST_FAILURES = 3  # after how many transients Newton's method may fail where the period is free
 
 
 def limit_cycle(

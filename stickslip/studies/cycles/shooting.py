@@ -25,15 +25,14 @@ from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.parameters import Parameter
 
+# A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
+# much.
 _CLOSED = 1e-10
-"""A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
-much."""
 
-_ZERO = 1e-9
-"""A multiplier no larger than this is 0."""
+_ZERO = 1e-9  # a multiplier no larger than this is 0
 
+# Singular values below this part of the largest entry of the map over one period are roundoff.
 _ROUNDOFF = 1e-13
-"""Singular values below this part of the largest entry of the map over one period are roundoff."""
 
 
 class CycleError(RuntimeError):

@@ -15,22 +15,21 @@ from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Trajectory
 from stickslip.studies.parameters import Parameter
 
-PART = 1e-3
-"""Step of a difference as a part of what changes."""
+PART = 1e-3  # step of a difference as a part of what changes
 
+# By so many rad a sine may be turned at the most by a change of its frequency as large as what changes.
 _TURN = 5.0
-"""By so many rad a sine may be turned at the most by a change of its frequency as large as what changes."""
 
-_LEAST = 1e-2
-"""Part of what a number is added to that counts as its size where it is smaller."""
+_LEAST = 1e-2  # part of what a number is added to that counts as its size where it is smaller
 
+# The same where forces bend at rest: near by, a contact that has just begun to slip may slip the other way.
 _FINE_PART = 1e-5
-"""The same where forces bend at rest: near by, a contact that has just begun to slip may slip the other way."""
 
 CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
+
+# Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly.
 MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
-"""Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly."""
 
 _STENCILS = CENTRAL, _ONE_SIDED, MIRRORED
 

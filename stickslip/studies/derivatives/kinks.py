@@ -19,17 +19,13 @@ from stickslip.studies.derivatives.steep import Steep
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
-_LOOKS = 8
-"""At so many times in each step all guards are looked at."""
+_LOOKS = 8  # at so many times in each step all guards are looked at
 
+# A guard below the first part of its size is followed to its minimum; a minimum below the second part touches 0.
 _NEAR, _TOUCH = 1e-2, 1e-9
-"""A guard below the first part of its size is followed to its minimum; a minimum below the second part touches 0."""
 
-_ROUNDOFF = 1e-13
-"""Part of its size by which a guard has to rise on both sides of a touch."""
-
-_AT_REST = 1e-9
-"""Part of the speeds below which a row has come to rest with another one."""
+_ROUNDOFF = 1e-13  # part of its size by which a guard has to rise on both sides of a touch
+_AT_REST = 1e-9  # part of the speeds below which a row has come to rest with another one
 
 
 def at_start(

@@ -19,18 +19,15 @@ from stickslip.studies.derivatives.directions import CENTRAL, MIRRORED, PART, Di
 from stickslip.studies.derivatives.steep import least_change
 from stickslip.studies.derivatives.varied import VariedPiece
 
+# Of a motion, local times (k,) and states (size, k); its last axis is time.
 Quantity = Callable[[Motion, Array, Array], Array]
-"""Of a motion, local times (k,) and states (size, k); its last axis is time."""
 
-REST = 1e-11
-"""Part of the speeds of a motion below which a velocity is 0."""
+REST = 1e-11  # part of the speeds of a motion below which a velocity is 0
 
+# So many times as far as scenes near by move a relative velocity, its friction force may bend too much for them.
 _BESIDE = 100.0
-"""So many times as far as scenes near by move a relative velocity, its friction force may bend too much for them."""
 
-_FINE = 1e-4
-"""Step of a difference as a part of the size of the motion."""
-
+_FINE = 1e-4  # step of a difference as a part of the size of the motion
 _TINY = np.finfo(float).tiny
 
 

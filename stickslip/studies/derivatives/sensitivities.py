@@ -22,8 +22,8 @@ from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.derivatives.varied_integrals import integral
 from stickslip.studies.parameters import named_parameters
 
+# Tolerances of the simulation where the engine needs some: derivatives are about as accurate.
 _RTOL, _ATOL = 1e-11, 1e-13
-"""Tolerances of the simulation where the engine needs some: derivatives are about as accurate."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,23 +13,14 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 from stickslip.studies.derivatives.radau import radau
 
+# Parts of the velocity within which friction bends, at which slopes are compared.
 _NEAR, _NEARER = 1e-5, 1e-8
-"""Parts of the velocity within which friction bends, at which slopes are compared."""
 
-_STEEPER = 1.5
-"""So many times steeper it is where the slope has no bound."""
-
-_LOST = 1.05 * (_NEAR / _NEARER) ** 0.5
-"""The same where it grows faster than ``w^(-1/2)``."""
-
-_CROWD = 4.0 ** -np.arange(2.0, 21.0)[::-1]
-"""Points beside an end, as parts of the motion."""
-
-_AT_REST = 1e-8
-"""Part of the speeds below which a relative velocity is at rest at an end."""
-
-_ITERATIONS = 4
-"""So often relative velocities are integrated with the friction of those before."""
+_STEEPER = 1.5  # so many times steeper it is where the slope has no bound
+_LOST = 1.05 * (_NEAR / _NEARER) ** 0.5  # the same where it grows faster than ``w^(-1/2)``
+_CROWD = 4.0 ** -np.arange(2.0, 21.0)[::-1]  # points beside an end, as parts of the motion
+_AT_REST = 1e-8  # part of the speeds below which a relative velocity is at rest at an end
+_ITERATIONS = 4  # so often relative velocities are integrated with the friction of those before
 
 
 def least_change(equations: ModeEquations, rows: Indices, apart: Array) -> Array:

@@ -36,14 +36,11 @@ from stickslip.studies.derivatives.varied_corners import corner_times
 from stickslip.studies.derivatives.varied_flow import flow
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
+# Events nearer in time than this part of the time span count as one, if their derivatives differ.
 _TOGETHER = 1e-10
-"""Events nearer in time than this part of the time span count as one, if their derivatives differ."""
 
-_SMALL = 1e-3
-"""Part of its size by which a parameter may change without making two such events one."""
-
-_JUMP = 1e-7
-"""Part of the speeds by which velocities may differ from those after the jump that is expected."""
+_SMALL = 1e-3  # part of its size by which a parameter may change without making two such events one
+_JUMP = 1e-7  # part of the speeds by which velocities may differ from those after the jump that is expected
 
 
 def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:

@@ -9,8 +9,8 @@ from stickslip.model.arrays import Array
 from stickslip.studies.derivatives.nearby import Nearby
 from stickslip.studies.derivatives.varied_guards import TIE
 
+# What comes to a corner more slowly than by this part of its size over the whole motion, grazes it.
 _GRAZING = 1e-9
-"""What comes to a corner more slowly than by this part of its size over the whole motion, grazes it."""
 
 
 def corner_times(

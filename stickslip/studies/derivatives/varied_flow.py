@@ -15,21 +15,16 @@ from stickslip.studies.derivatives.steep import Steep
 
 _ORDER = 20
 _REMAINDER = 1e-16
-_JOINED = 16
-"""A collocation goes over so many steps of the solver at most."""
+_JOINED = 16  # a collocation goes over so many steps of the solver at most
+_AT_ONCE = 8  # collocations for which what drives S is computed together
+_GROWTH, _LEAST = 4.0, 1e-9  # how many times as many steps the next may join, and roughness that is none
 
-_AT_ONCE = 8
-"""Collocations for which what drives S is computed together."""
-
-_GROWTH, _LEAST = 4.0, 1e-9
-"""How many times as many steps the next may join, and roughness that is none."""
-
+# Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, 1e-11 in smooth
+# motions and 1e-10 where a function has a kink in its slope.
 _LAST = 1e-6
-"""Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, 1e-11 in smooth
-motions and 1e-10 where a function has a kink in its slope."""
 
+# Part of a step before a turn at which the step ends: its last point is to lie on its own side.
 _BESIDE = 1e-11
-"""Part of a step before a turn at which the step ends: its last point is to lie on its own side."""
 
 _TINY = np.finfo(float).tiny
 

@@ -12,28 +12,21 @@ from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby
 
-TIE = 1e-6
-"""Derivatives that differ by less than this part of their size are the same."""
+TIE = 1e-6  # derivatives that differ by less than this part of their size are the same
 
+# A guard that falls more slowly than this part of what adds up in its slope grazes, unless it has come down like that
+# from where it could be told from 0.
 _GRAZING = 1e-7
-"""A guard that falls more slowly than this part of what adds up in its slope grazes, unless it has come down like that
-from where it could be told from 0."""
 
-_ABOUT = 0.1
-"""Part of the speed at which a guard left 0 with which it comes back about as fast."""
+_ABOUT = 0.1  # part of the speed at which a guard left 0 with which it comes back about as fast
+_TOLD = 1e-9  # a guard of this part of its size can be told from 0, also where CVODE has computed it
+_HALVINGS = 40  # the way back to where a guard could be told from 0 is halved so often at most
 
-_TOLD = 1e-9
-"""A guard of this part of its size can be told from 0, also where CVODE has computed it."""
-
-_HALVINGS = 40
-"""The way back to where a guard could be told from 0 is halved so often at most."""
-
+# Of flights that accumulate, those slower than this part of the speeds of the whole motion are so short that the
+# derivative of their duration is roundoff.
 _SHORT = 1e-9
-"""Of flights that accumulate, those slower than this part of the speeds of the whole motion are so short that the
-derivative of their duration is roundoff."""
 
-_TIE_OF_ENGINES = 1e-13
-"""Guards within this part of their scales come to 0 together for the engines."""
+_TIE_OF_ENGINES = 1e-13  # guards within this part of their scales come to 0 together for the engines
 
 
 class VariedGuards:

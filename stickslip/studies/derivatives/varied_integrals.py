@@ -9,8 +9,8 @@ from stickslip.model.arrays import Array
 from stickslip.studies.derivatives.nearby import Quantity
 from stickslip.studies.derivatives.variations import Variation
 
+# Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved.
 _QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
-"""Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved."""
 
 
 def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:

@@ -19,17 +19,10 @@ from stickslip.studies.fits.measurements import Measured, measured_in, weights_o
 from stickslip.studies.fits.residuals import REFUSED, Problem, Run
 from stickslip.studies.parameters import Parameter, named_parameters
 
-_OF_ONE = re.compile(r"(records\[\d+\])\.(.*)")
-"""The name of a parameter of a single record."""
-
-_SCREENED = 6
-"""Random points for each start, of which the best are taken."""
-
-_EARLY = 0.3
-"""Part of the time that is fitted first: phases of later events cannot be a turn off then."""
-
-_ROUGH, _STEPS = 15, 60
-"""Most steps of a rough search, and of one for the solution."""
+_OF_ONE = re.compile(r"(records\[\d+\])\.(.*)")  # the name of a parameter of a single record
+_SCREENED = 6  # random points for each start, of which the best are taken
+_EARLY = 0.3  # part of the time that is fitted first: phases of later events cannot be a turn off then
+_ROUGH, _STEPS = 15, 60  # most steps of a rough search, and of one for the solution
 
 
 def fit(

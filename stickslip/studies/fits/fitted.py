@@ -12,8 +12,7 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.studies.fits.measurements import Measured
 
-_POOR = 0.5
-"""A standard error larger than this part of a value says that it is not determined."""
+_POOR = 0.5  # a standard error larger than this part of a value says that it is not determined
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,11 @@ from stickslip.studies.fits.fitted import Fit, Record
 from stickslip.studies.fits.measurements import Measured
 from stickslip.studies.parameters import Parameter, with_values
 
-REFUSED = 1e6
-"""Weighted residual where a scene cannot be simulated."""
+REFUSED = 1e6  # weighted residual where a scene cannot be simulated
+_NOTHING = 1e-150  # derivative that tells nothing: its square is 0
 
-_NOTHING = 1e-150
-"""Derivative that tells nothing: its square is 0."""
-
+# As a part of the range between its bounds: so near to one of them the search leaves a value that ends there.
 _AT_BOUND = 1e-6
-"""As a part of the range between its bounds: so near to one of them the search leaves a value that ends there."""
 
 
 class Run:
