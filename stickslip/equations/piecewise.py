@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.elements.book import RowEntry
-from stickslip.model.piecewise import Linear
 
 _NONE = np.empty(0, dtype=np.int16)
 Regions = NDArray[np.int16]
@@ -40,8 +39,8 @@ class PiecewiseMatrices:
         self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
         self.mode = np.array([region.mode for region in regions], dtype=np.int8)  # what the row shows in each
         # (all regions, 3), (borders, 3): values and borders from the stretch, its rate and 1
-        self.value = _factors(region.value for region in regions)
-        self.border = _factors(border for region in regions for border, _ in region.borders)
+        self.value = np.reshape([region.value for region in regions], (-1, 3))
+        self.border = np.reshape([border for region in regions for border, _ in region.borders], (-1, 3))
         # the borders of region i are those from ``border_from[i]`` up to ``border_from[i + 1]``
         self.border_from = np.cumsum([0, *(len(region.borders) for region in regions)])
         self.row = np.array(list(rows), dtype=np.intp)  # (p,): the row that each belongs to
@@ -124,9 +123,3 @@ class PiecewiseMatrices:
         np.maximum.at(largest, place, values.data)
         steepest = scipy.sparse.csr_array((largest, (keys // width, keys % width)), (self.count, width))
         return abs(links) + abs(self.acts) @ steepest
-
-
-def _factors(expressions: Iterable[Linear]) -> Array:
-    """Return linear expressions as rows: the factors of the stretch and of its rate, and the constant."""
-    rows = [(one.stretch, one.rate, one.constant) for one in expressions]
-    return np.array(rows, dtype=float).reshape(-1, 3)

@@ -27,7 +27,6 @@ from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
-from stickslip.model.piecewise import Linear
 from stickslip.model.quantities import Expression, Output, Position, RelativeVelocity, Stretch, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
@@ -340,13 +339,14 @@ class System:
         )
         return PiecewiseMatrices(rows, self.matrix(acts, (self.n, len(rows))), values, borders)
 
-    def _expressions(self, found: Sequence[tuple[Linear, str]]) -> tuple[Any, Any]:
+    def _expressions(self, found: Sequence[tuple[Array, str]]) -> tuple[Any, Any]:
         """Return expressions of the stretches of rows as rows of matrices, from states and from inputs."""
         states, inputs = Triplets(), Triplets()
         for k, (expression, row) in enumerate(found):
-            form = Form(inputs={("one", 0, 0): expression.constant})
-            form.add(self.reader.form(Stretch(row), row), expression.stretch)
-            form.add(self.reader.form(RelativeVelocity(row), row), expression.rate)
+            stretch, rate, constant = expression.tolist()
+            form = Form(inputs={("one", 0, 0): constant})
+            form.add(self.reader.form(Stretch(row), row), stretch)
+            form.add(self.reader.form(RelativeVelocity(row), row), rate)
             self._enter(form, k, states, inputs)
         count = len(found)
         return self.matrix(states, (count, self.size)), self.matrix(inputs, (count, self.inputs))

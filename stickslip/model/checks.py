@@ -172,8 +172,12 @@ def _arguments(maker: Callable[..., Any]) -> dict[str, bool]:
     return {name: one.default is one.empty for name, one in arguments.items()}
 
 
-def check_takes(function: Callable[..., Any], count: int, what: str, arguments: str) -> None:
-    """Refuse a function that cannot be called with so many arguments; one that does not tell is taken as it is.
+def check_takes(
+    function: Callable[..., Any], count: int, what: str, arguments: str, named: Iterable[str] = ()
+) -> None:
+    """Refuse a function that cannot be called with so many arguments, and some by name.
+
+    One that does not tell is taken as it is.
 
     `what` and `arguments` say in the message what it is and what it must take.
     """
@@ -182,7 +186,7 @@ def check_takes(function: Callable[..., Any], count: int, what: str, arguments: 
     except (TypeError, ValueError):
         return
     try:
-        signature.bind(*[0.0] * count)
+        signature.bind(*[0.0] * count, **dict.fromkeys(named, 0.0))
     except TypeError:
         raise TypeError(
             f"{what} must take {arguments}, but it is declared as {signature}: {function!r}"

@@ -5,7 +5,6 @@ Nothing here knows friction: the function takes the parameters by name and retur
 
 from __future__ import annotations
 
-import inspect
 import math
 import multiprocessing
 import os
@@ -23,6 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from tqdm import tqdm
 
+from stickslip.model.checks import check_takes, flag, whole
 from stickslip.studies.sweep_data import Index, Point, SweepLog, SweepResult, Task, Values, collect, tasks
 
 __all__ = ["SweepInterrupted", "SweepResult", "sweep"]
@@ -90,7 +90,7 @@ def sweep(
     parameters = _parameters(grid)
     _check(function, executor, workers, progress, save, version)
     log = None if save is None else SweepLog(Path(save), parameters, version)
-    _check_takes(function, parameters)
+    check_takes(function, 0, "sweep: function", f"{', '.join(parameters)} by name", parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()
     total = math.prod(len(axis) for axis in parameters.values())
     todo = (task for task in tasks(parameters) if task[0] not in done)
@@ -123,8 +123,7 @@ def _check(function: Any, executor: Any, workers: Any, progress: Any, save: Any,
     """Refuse arguments of `sweep` that make no sense."""
     if not callable(function):
         raise TypeError(f"sweep: function must be callable, got {function!r}")
-    if not isinstance(progress, bool):
-        raise TypeError(f"sweep: progress must be True or False, got {progress!r}")
+    flag(progress, "sweep: progress")
     if not isinstance(version, str):
         raise TypeError(f"sweep: version must be a text, got {version!r}")
     is_serial = isinstance(executor, str) and executor == "serial"
@@ -134,24 +133,10 @@ def _check(function: Any, executor: Any, workers: Any, progress: Any, save: Any,
         raise ValueError(
             f"sweep: workers={workers!r} is for processes of our own; leave out executor or workers"
         )
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise ValueError(f"sweep: workers must be a whole number >= 1, got {workers!r}")
+    if workers is not None:
+        whole(workers, "sweep: workers", 1)
     if save is not None and not Path(save).absolute().parent.is_dir():
         raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
-
-
-def _check_takes(function: Callable[..., Any], parameters: Mapping[str, Any]) -> None:
-    """Refuse a function that does not take the parameters by name; one that does not tell is taken as it is."""
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):
-        return
-    try:
-        signature.bind(**dict.fromkeys(parameters))
-    except TypeError:
-        raise TypeError(
-            f"sweep: function must take {', '.join(parameters)} by name, but it is declared as {signature}"
-        ) from None
 
 
 def _parameters(grid: Mapping[str, Sequence[Any] | np.ndarray]) -> dict[str, np.ndarray]:

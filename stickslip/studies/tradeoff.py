@@ -216,7 +216,6 @@ def tradeoff(
         check_takes(error, 2, "tradeoff: error", "a result and the reference")
     if isinstance(budget, bool) or not (isinstance(budget, int | float) and 0 < budget < float("inf")):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
-    budget = finite(budget, "tradeoff: budget")
     progress = flag(progress, "tradeoff: progress")
     span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
@@ -298,7 +297,7 @@ def reference_of(
 ) -> tuple[Call, Call, Result, float, float]:
     """Return two tight calls, the result of the tighter, by how much they differ, and the velocity scale."""
     failure: Exception | None = None
-    for tight, loose in reference_calls(1.0):
+    for tight, loose in reference_calls():
         try:
             result, other = (_quietly(call, scene, span) for call in (tight, loose))
         except SimulationError as error:

@@ -63,12 +63,12 @@ def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
     return found
 
 
-def reference_calls(scale: float) -> Iterator[tuple[Call, Call]]:
+def reference_calls() -> Iterator[tuple[Call, Call]]:
     """Yield pairs of tight calls to compare, the tightest first; the first of a pair is the tighter one."""
     for rtol in (1e-13, 1e-12, 1e-11, 1e-10, 1e-9):
         yield (
-            Call("reference", _tolerances(rtol, scale)),
-            Call("reference", {"method": "Adams"} | _tolerances(10 * rtol, scale)),
+            Call("reference", _tolerances(rtol, 1.0)),
+            Call("reference", {"method": "Adams"} | _tolerances(10 * rtol, 1.0)),
         )
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from stickslip.model.checks import check_name, finite, flag, whole
 from stickslip.studies.table import aligned
 
 _COUNTERS = {"steps": ("steps",), "nfev": ("nfev",), "njev": ("njev",), "nguards": ("nguards", "guard_calls")}
@@ -49,10 +50,7 @@ class Setup:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if not isinstance(self.name, str):
-            raise TypeError(f"Setup: name must be a text, got {self.name!r}")
-        if not self.name:
-            raise ValueError("Setup: name is empty; give every setup a name of its own")
+        check_name(self.name, "Setup: name")
         if not callable(self.run):
             raise TypeError(
                 f"Setup {self.name!r}: run must be a callable without arguments, got {self.run!r}; "
@@ -112,9 +110,8 @@ class WorkPrecision:
         """
         front = self.pareto()
         for name, value in (("error", error), ("time", time)):
-            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if value is not None and not is_number:
-                raise TypeError(f"best: {name} must be a number, got {value!r}")
+            if value is not None:
+                finite(value, f"best: {name}")
         if error is not None and time is None:
             found = next((row for row in front if row.error <= error), None)
             wanted, nearest = f"error <= {error:g}", front[-1:]
@@ -199,10 +196,8 @@ def work_precision(
     todo = _setups(setups)
     if not callable(error):
         raise TypeError(f"work_precision: error must be a callable that takes a result, got {error!r}")
-    _count("repeats", repeats, least=1)
-    _count("warmup", warmup, least=0)
-    if not isinstance(progress, bool):
-        raise TypeError(f"work_precision: progress must be True or False, got {progress!r}")
+    repeats, warmup = whole(repeats, "work_precision: repeats", 1), whole(warmup, "work_precision: warmup")
+    progress = flag(progress, "work_precision: progress")
     records = [_Record(setup) for setup in todo]
     with tqdm(total=(warmup + repeats) * len(records), disable=not progress, unit="run") as bar:
         for turn in range(warmup + repeats):
@@ -269,13 +264,6 @@ def _setups(setups: Mapping[str, Callable[[], Any]] | Sequence[Setup]) -> list[S
             raise ValueError(f"work_precision: two setups are named {setup.name!r}; rename one")
         seen.add(setup.name)
     return found
-
-
-def _count(name: str, value: int, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise TypeError(f"work_precision: {name} must be a whole number, got {value!r}")
-    if value < least:
-        raise ValueError(f"work_precision: {name} must be at least {least}, got {value}")
 
 
 def _counts(result: Any) -> dict[str, float]:

@@ -161,15 +161,15 @@ def test_keyboard_interrupt_passes():
     [
         ({}, {}, ValueError, "setups is empty; give at least one"),
         ({"a": 3}, {}, TypeError, "'a': run must be a callable without arguments, got 3"),
-        ({3: print}, {}, TypeError, "name must be a text, got 3"),
-        ({"": print}, {}, ValueError, "name is empty"),
+        ({3: print}, {}, TypeError, r"Setup: name must be a name \(a string that is not empty\), got 3"),
+        ({"": print}, {}, TypeError, "a string that is not empty"),
         (7, {}, TypeError, "got 7"),
         ([print], {}, TypeError, r"write Setup\(name, run\)"),
         ([Setup("a", print), Setup("a", print)], {}, ValueError, "two setups are named 'a'; rename one"),
         ({"a": print}, {"error": None}, TypeError, "error must be a callable that takes a result, got None"),
-        ({"a": print}, {"repeats": 0}, ValueError, "repeats must be at least 1, got 0"),
-        ({"a": print}, {"repeats": 1.5}, TypeError, "repeats must be a whole number, got 1.5"),
-        ({"a": print}, {"warmup": -1}, ValueError, "warmup must be at least 0, got -1"),
+        ({"a": print}, {"repeats": 0}, ValueError, "repeats must be a whole number from 1 on, got 0"),
+        ({"a": print}, {"repeats": 1.5}, TypeError, "repeats must be a whole number from 1 on, got 1.5"),
+        ({"a": print}, {"warmup": -1}, ValueError, "warmup must be a whole number from 0 on, got -1"),
     ],
 )
 def test_bad_arguments_are_refused_before_anything_runs(setups, options, kind, message):
@@ -265,7 +265,7 @@ def test_studies_know_no_friction_and_draw_nothing_on_import(module):
     outer = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
     names = {a.name for n in outer if isinstance(n, ast.Import) for a in n.names}
     names |= {n.module for n in outer if isinstance(n, ast.ImportFrom)}
-    names -= {"stickslip.studies.table", "stickslip.studies.sweep_data"}
+    names -= {"stickslip.studies.table", "stickslip.studies.sweep_data", "stickslip.model.checks"}
     assert {name.split(".")[0] for name in names} <= {"numpy", "tqdm", *sys.stdlib_module_names}
     inner = [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == "stickslip"]
     assert all([a.name for a in n.names] == ["plots"] for n in inner)

@@ -158,7 +158,7 @@ def test_exit_of_a_point_is_a_failure():
         ({"a": [1, 2, 1]}, {}, ValueError, "a value twice, leave one out"),
         ({1: [1]}, {}, TypeError, "parameter names must be texts, got 1"),
         ({"a": [1]}, {"executor": "threads"}, TypeError, "executor must be an Executor, 'serial' or None"),
-        ({"a": [1]}, {"workers": 0}, ValueError, "workers must be a whole number >= 1, got 0"),
+        ({"a": [1]}, {"workers": 0}, ValueError, "workers must be a whole number from 1 on, got 0"),
         ({"a": [1]}, {"workers": 2, "executor": "serial"}, ValueError, "leave out executor or workers"),
         ({"a": [1j]}, {"save": "never"}, TypeError, "save needs parameters that are numbers or texts"),
     ],

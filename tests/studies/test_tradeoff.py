@@ -321,7 +321,7 @@ def test_only_scenes():
 
 
 def test_a_reference_that_fails_is_tried_again_less_tightly(monkeypatch):
-    pairs = list(reference_calls(1.0))
+    pairs = list(reference_calls())
     run = Call.run
 
     def fails_when_tight(self, scene, span):

@@ -7,10 +7,11 @@ from dataclasses import KW_ONLY, dataclass
 from math import inf, isfinite
 from typing import Any
 
+from stickslip.model.arrays import Array
 from stickslip.model.elements.base import Radii, Row
 from stickslip.model.elements.book import Book
 from stickslip.model.modes import Mode
-from stickslip.model.piecewise import Linear, Region
+from stickslip.model.piecewise import ONE, RATE, STRETCH, Region
 from stickslip.model.quantities import Quantity, relative_velocity, saturate, stretch
 
 
@@ -73,11 +74,11 @@ class Gap(Row, Radii):
         """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""
         book.row(self.name, self.coefficients, kind="gap", regions=self._regions(), pressing=self._pressing)
 
-    def _pushes(self, stretch: Any, rate: Any) -> Iterator[tuple[Mode, Any, Any, Any]]:
+    def _pushes(self, stretch: Any, rate: Any, one: Any = 1.0) -> Iterator[tuple[Mode, Any, Any, Any]]:
         """Yield the mode beyond each limit, how deep it is passed, and what spring and damper push back there."""
         for side, limit in ((Mode.FORWARD, self.upper), (Mode.BACKWARD, self.lower)):
             if isfinite(limit):
-                depth = side * (stretch - limit)
+                depth = side * (stretch - limit * one)
                 yield side, depth, self.stiffness * depth, self.damping * side * rate
 
     def _pressing(self) -> Quantity:
@@ -91,8 +92,8 @@ class Gap(Row, Radii):
     def _regions(self) -> list[Region]:
         """Return the regions: open, then those beyond each limit, where the clip does not act and where it does."""
         regions: list[Region] = []
-        ways_out: list[tuple[Linear, int]] = []
-        for side, depth, push, drag in self._pushes(Linear(stretch=1.0), Linear(rate=1.0)):
+        ways_out: list[tuple[Array, int]] = []
+        for side, depth, push, drag in self._pushes(STRETCH, RATE, ONE):
             first = 1 + len(regions)
             if self.damping == 0:
                 ways_out.append((-depth, first))
@@ -106,6 +107,6 @@ class Gap(Row, Radii):
                 Region(
                     side * (push + drag), ((depth, 0), (push - drag, inwards), (push + drag, outwards)), side
                 ),
-                Region(Linear(), ((depth, 0), (-(push + drag), between)), side),
+                Region(0.0 * ONE, ((depth, 0), (-(push + drag), between)), side),
             ]
-        return [Region(Linear(), tuple(ways_out), Mode.OPEN), *regions]
+        return [Region(0.0 * ONE, tuple(ways_out), Mode.OPEN), *regions]

@@ -8,7 +8,7 @@ from math import inf, isfinite
 from stickslip.model.elements.base import Radii, Row
 from stickslip.model.elements.book import Book
 from stickslip.model.modes import Mode
-from stickslip.model.piecewise import Linear, Region
+from stickslip.model.piecewise import ONE, STRETCH, Region
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class Stop(Row, Radii):
 
     def place(self, book: Book) -> None:
         """Enter a row, and regions that show on which side of its limits it is."""
-        stretch, none = Linear(stretch=1.0), Linear()
-        borders = [(self.upper - stretch, 1)] if isfinite(self.upper) else []
-        borders += [(stretch - self.lower, 2)] if isfinite(self.lower) else []
+        none = 0.0 * ONE
+        borders = [(self.upper * ONE - STRETCH, 1)] if isfinite(self.upper) else []
+        borders += [(STRETCH - self.lower * ONE, 2)] if isfinite(self.lower) else []
         regions = [Region(none, tuple(borders), Mode.OPEN)]
         regions += [Region(none, (), Mode.FORWARD), Region(none, (), Mode.BACKWARD)]
         book.row(self.name, self.coefficients, kind="stop", restitution=self.restitution, regions=regions)

@@ -90,10 +90,6 @@ class Kernel:
         """Return what these lack of the true ones, where a solver needs flatter ones."""
         return np.zeros_like(w)
 
-    def steady(self, w: Array, normal: Array) -> Array:
-        """Return the forces in steady motion, long after the contacts came to rest the last time."""
-        return self.forces(w, normal, np.zeros_like(w), np.empty((0, *w.shape[1:])))
-
     def rates(self, w: Array, normal: Array, z: Array) -> Array:
         """Return ``z'``."""
         raise NotImplementedError

@@ -220,7 +220,7 @@ class DryFriction(Law):
         """Return the static coefficient just after sticking, from which it rises with the dwell."""
         if self.stribeck_velocity is not None:
             return self.mu_s(direction)
-        return max(self.mu_c(direction), self.mu_k(0.0, direction))
+        return max(self.mu_c(direction), 0.0 if self.kinetic is None else self.kinetic_at(0.0))
 
     def kinetic_at(self, speed: float) -> float:
         """Return the value of `kinetic`; a ValueError says where it is no coefficient."""

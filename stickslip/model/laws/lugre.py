@@ -52,9 +52,6 @@ class _Bristles(Kernel):
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         return np.asarray(self._damping * self.rate_slopes(w, normal, z)[0] + self._viscous)
 
-    def steady(self, w: Array, normal: Array) -> Array:
-        return np.asarray(np.sign(w) * self._mu(w) * normal + like(self._viscous, w) * w)
-
     def rates(self, w: Array, normal: Array, z: Array) -> Array:
         return w - self.relaxation(w, normal) * z
 

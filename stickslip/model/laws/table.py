@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.laws.base import Kernel
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.laws.kinetic import Kinetic, Slipping
+from stickslip.model.laws.kinetic import Slipping
 
 
 class LawTable:
@@ -24,10 +24,7 @@ class LawTable:
         cores, sides = [law.core for law in laws], (1, -1)
         self.mu_s = np.array([[c.mu_s(s) for c in cores] for s in sides]).reshape(2, -1)
         self.mu_c = np.array([[c.mu_c(s) for c in cores] for s in sides]).reshape(2, -1)
-        at_rest = [Kinetic(cores, np.full(len(cores), s < 0))(np.zeros(len(cores))) for s in sides]
-        # a Stribeck curve begins at the static coefficient itself, not within roundoff of it
-        at_static = np.array([c.stribeck_velocity is not None for c in cores], dtype=bool)
-        self.least = np.where(at_static, self.mu_s, np.maximum(self.mu_c, at_rest))
+        self.least = np.array([[c.least(s) for c in cores] for s in sides]).reshape(2, -1)
         self.dwell = np.array([c.dwell for c in cores])
         self.curved = np.array([c.curved for c in cores], dtype=bool)
         self.characters = [law.character for law in laws]
@@ -99,13 +96,6 @@ class VelocityDependentForces:
             d[rows] = kernel.left_out(w[rows], normal[rows])
         return d
 
-    def steady(self, w: Array, normal: Array) -> Array:
-        """Return the forces in steady motion."""
-        r = np.empty_like(w)
-        for rows, _, kernel in self._parts:
-            r[rows] = kernel.steady(w[rows], normal[rows])
-        return r
-
     def bristle_rates(self, w: Array, normal: Array, z: Array) -> Array:
         """Return the rates of the contacts' own states."""
         rates = np.empty_like(z)
@@ -147,4 +137,7 @@ def steady_forces(law: Law, w: Array, normal: float) -> Array:
     character = law.character
     slips = character.sticks | (character.has_slip_state & (np.abs(w) > character.slips_beyond))
     sign = np.where(slips, np.sign(w), 0).astype(np.int8)
-    return VelocityDependentForces([law] * w.size, sign).steady(w, np.full(w.size, normal))
+    forces, pressed = VelocityDependentForces([law] * w.size, sign), np.full(w.size, normal)
+    # bristles that do not change any more
+    z = w[forces.bristles] / forces.relaxation(w, pressed)
+    return forces.forces(w, pressed, np.zeros_like(w), z)

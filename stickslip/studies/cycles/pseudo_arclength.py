@@ -104,22 +104,14 @@ class Arc:
 
     def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array]:
         """Return the derivatives by start, period and parameter, what is missed, and the tangent; all in scales."""
-        sizes, count = shot.sizes, shot.coordinates.size
         by_parameter, _ = shot.by_parameter(self._parameter.at(shot.scene))
         if self._period is not None:
             h = 1e-4 * self._scale
             longer = (self._period(value + h) - self._period(value - h)) / (2 * h)
             by_parameter = by_parameter + shot.rate_after * longer
-        columns = [(shot.monodromy - np.eye(count)) * sizes]
+        matrix, missed = shot.matrix(by_parameter * self._scale), shot.missed / shot.sizes
         if not shot.forced:
-            columns.append((shot.rate_after * shot.period)[:, None])
-        columns.append((by_parameter * self._scale)[:, None])
-        matrix, missed = np.hstack(columns) / sizes[:, None], shot.missed / sizes
-        if not shot.forced:
-            # not along the motion itself
-            phase = np.zeros((1, count + 2))
-            phase[0, :count] = shot.rate_before / sizes * shot.period
-            matrix, missed = np.vstack([matrix, phase]), np.append(missed, 0.0)
+            missed = np.append(missed, 0.0)
         _, parts, lines = np.linalg.svd(matrix)
         if matrix.shape[0] and parts[-1] <= 1e-10 * parts[0]:
             raise CycleError("branches of cycles cross here")

@@ -128,21 +128,29 @@ class Shot:
         pieces = self.result.trajectory.pieces
         return self._rate(len(pieces) - 1, pieces[-1].end, self.stop)
 
+    def matrix(self, *others: Array) -> Array:
+        """Return how what is missed changes with start, free period and `others`, all in their sizes.
+
+        Where the period is free the last line is the change along the motion itself.
+        """
+        count = self.coordinates.size
+        columns = [(self.monodromy - np.eye(count)) * self.sizes]
+        if not self.forced:
+            columns.append((self.rate_after * self.period)[:, None])
+        found = np.hstack([*columns, *(one[:, None] for one in others)]) / self.sizes[:, None]
+        if self.forced:
+            return found
+        along = np.zeros((1, found.shape[1]))
+        along[0, :count] = self.rate_before / self.sizes * self.period
+        return np.vstack([found, along])
+
     def solve(self, right: Array) -> tuple[Array, float]:
         """Return changes of start and period that change by how much the motion misses by `right`.
 
         If there are none, a cycle next to it is one, too: that is a `CycleError`.
         """
-        sizes, count = self.sizes, self.coordinates.size
-        matrix = (self.monodromy - np.eye(count)) * sizes / sizes[:, None]
-        free = not self.forced
-        if free:
-            matrix = np.block(
-                [
-                    [matrix, (self.rate_after / sizes * self.period)[:, None]],
-                    [(self.rate_before / sizes * self.period)[None, :], np.zeros((1, 1))],
-                ]
-            )
+        sizes, count, free = self.sizes, self.coordinates.size, not self.forced
+        matrix = self.matrix()
         sought = np.append(right / sizes, 0.0) if free else right / sizes
         if not count:
             return np.zeros(0), 0.0

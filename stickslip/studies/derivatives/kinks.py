@@ -15,7 +15,6 @@ from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Modes
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import REST, Nearby, total
-from stickslip.studies.derivatives.steep import Steep
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
@@ -109,17 +108,6 @@ def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterato
                 name = system.rows[j].name
                 yield k, f"the normal force of {name!r} is 0, and near by it is not, but to one side only"
                 break
-
-
-def at_steep_starts(nearby: Nearby, number: int, motion: Motion) -> Iterator[tuple[int, str]]:
-    """Find all directions where a motion begins from rest with friction that is too steep there."""
-    path = nearby.trajectory.pieces[number].kept_path
-    if path.taus[-1] > 0 and Steep(motion, path, float(nearby.state_sizes[0]), nearby.bend).is_lost:
-        for k in range(nearby.count):
-            yield (
-                k,
-                "friction falls so steeply from rest (a Stribeck exponent below 1/2) that no derivative is known",
-            )
 
 
 def at_touches(

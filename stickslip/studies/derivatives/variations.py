@@ -39,6 +39,8 @@ from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 # Events nearer in time than this part of the time span count as one, if their derivatives differ.
 _TOGETHER = 1e-10
 
+_STEEP = "friction falls so steeply from rest (a Stribeck exponent below 1/2) that no derivative is known"
+
 _SMALL = 1e-3  # part of its size by which a parameter may change without making two such events one
 _JUMP = 1e-7  # part of the speeds by which velocities may differ from those after the jump that is expected
 
@@ -95,7 +97,7 @@ class Variation(Nearby):
         last = len(trajectory.pieces) - 1
         for number, piece in enumerate(trajectory.pieces):
             motion = self.motion_of(number)
-            taus, coefficients = flow(self, piece, motion, S, since)
+            taus, coefficients, is_steep = flow(self, piece, motion, S, since)
             until, end = np.full(self.count, np.inf), np.zeros(self.count)
             varied = VariedPiece(taus, coefficients, since, begin, end, until)
             self.pieces.append(varied)
@@ -105,7 +107,7 @@ class Variation(Nearby):
             for kink in (
                 *kinks.at_corners(self, number, motion, varied),
                 *kinks.at_rise_from_nothing(self, number, motion),
-                *kinks.at_steep_starts(self, number, motion),
+                *(enumerate([_STEEP] * self.count) if is_steep else ()),
             ):
                 self._refuse(piece.t, [kink])
                 until[kink[0]] = 0.0
@@ -159,8 +161,8 @@ class Variation(Nearby):
         none = np.zeros_like(u)
         sides = at_stops_at_start(system, y, q, t)
         hit = sides * system.relative_velocity(y, q) > 0
-        acts, nothing = system if hit.any() else None, np.zeros(system.m, dtype=bool)
-        impact = VariedImpact(acts, y[:n], u, u, none, sides, hit, closed=nothing)
+        nothing = np.zeros(system.m, dtype=bool)
+        impact = VariedImpact(system, bool(hit.any()), y[:n], u, u, none, sides, hit, closed=nothing)
         for k in range(self.count):
             if k in self.lost_breaks:
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"
@@ -271,9 +273,9 @@ class Variation(Nearby):
         hit = new & (sides * system.relative_velocity(path.last, loads[0]) > 0)
         is_soft = (system.is_friction | system.is_gap).all()
         is_pushed = not is_soft and np.abs(u[1] - u[0]).max(initial=0.0) > REST * speed
-        acts = system if is_pushed or hit.any() else None
+        jumps = bool(is_pushed or hit.any())
         closed = (piece.modes == 0) & ~(system.is_friction | system.is_gap | system.is_tie | hit)
-        return VariedImpact(acts, path.last[: system.n], u[0], u[1], pace, sides, hit, closed)
+        return VariedImpact(system, jumps, path.last[: system.n], u[0], u[1], pace, sides, hit, closed)
 
     # -- what is asked for -----------------------------------------------------------------------------------
 

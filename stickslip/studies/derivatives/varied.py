@@ -45,14 +45,15 @@ class VariedPiece:
 
 @dataclass(frozen=True)
 class VariedImpact:
-    """How velocities jump at an instant; they do not where there is no system.
+    """How velocities jump at an instant, if they do.
 
     The jump depends only on the relative velocities of rows that impacts reach, and is piecewise linear in them. So it
     is differenced at the least velocities of bodies and drives that have the same: differences beside velocities that
     all have in common would be roundoff.
     """
 
-    system: System | None
+    system: System
+    jumps: bool
     v: Array  # (n,): velocities of the bodies before
     # (d,): velocities of the drives before and after, and their accelerations
     before: Array
@@ -65,7 +66,7 @@ class VariedImpact:
 
     def after(self) -> Array:
         """Return the velocities after the jump."""
-        if self.system is None:
+        if not self.jumps:
             return self.v
         return struck(self.system, self.v, self.before, self.now, self.sides, self.hit).v
 
@@ -74,7 +75,7 @@ class VariedImpact:
 
         An impact may be so slow that there it would not happen.
         """
-        if self.system is None:
+        if not self.jumps:
             return self.v
         own = self._relative(system, before)
         (v, u), (change, turn) = self._least(system, self._own), self._least(system, own - self._own)
@@ -88,24 +89,21 @@ class VariedImpact:
 
         Velocities before change by `change`, the time of the jump by `later`. The jump is piecewise linear.
         """
-        if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
+        if not (self.jumps and np.isfinite(change).all() and np.isfinite(later)):
             return change, 0.0
         return self._linear(self.system, *self._apart, change, self.pace * later, self.now - self.before)
 
     @cached_property
     def _own(self) -> Array:
-        assert self.system is not None
         return self._relative(self.system, self.before)
 
     @cached_property
     def _apart(self) -> tuple[Array, Array]:
         # only relative velocities count: what bodies have in common brings no more than its roundoff
-        assert self.system is not None
         return self._least(self.system, self._own)
 
     @cached_property
     def _rigid(self) -> Indices:
-        assert self.system is not None
         return np.asarray((~(self.system.is_friction | self.system.is_gap)).nonzero()[0])
 
     def _relative(self, system: System, before: Array) -> Array:
@@ -129,7 +127,7 @@ class VariedImpact:
         largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(turn).max(initial=0.0)))
         if largest == 0:
             return np.zeros_like(change), 0.0
-        speeds = np.abs(self.system.G @ self.v + self.system.D @ self.before)[self.hit]  # type: ignore[union-attr]
+        speeds = np.abs(self.system.G @ self.v + self.system.D @ self.before)[self.hit]
         h = PART * float(speeds.min(initial=np.abs([*self.v, *self.before, *self.now]).max(initial=0.0)))
         h /= largest
 

@@ -29,14 +29,19 @@ _BESIDE = 1e-11
 _TINY = np.finfo(float).tiny
 
 
-def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
-    """Return the ends of steps and the coefficients of S along a motion from its variations at the start."""
+def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
+    """Return the ends of steps and the coefficients of S along a motion from its variations at the start.
+
+    Besides, whether friction falls too steeply from rest.
+    """
     if piece.end <= 0:
-        return np.zeros(1), np.zeros((0, 1, nearby.system.size, nearby.count))
+        return np.zeros(1), np.zeros((0, 1, nearby.system.size, nearby.count)), False
     return (_series if motion.is_linear else _collocated)(nearby, piece, motion, S, since)
 
 
-def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+def _series(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
+) -> tuple[Array, Array, bool]:
     """Follow ``S' = A S + f_p`` by Taylor series."""
     system, path, end = nearby.system, piece.kept_path, piece.end
     near = [nearby.near(motion, k) for k in range(nearby.count)]
@@ -60,7 +65,7 @@ def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
         S = c.sum(axis=0)
         ends.append(tau)
         found.append(c)
-    return np.array(ends), np.array(found)
+    return np.array(ends), np.array(found), False
 
 
 def _homogeneous(nearby: Nearby, motion: Motion, tau: float, y: Array, S: Array, h: float) -> Array:
@@ -90,7 +95,9 @@ def _reach(c: Array) -> float:
     return reach
 
 
-def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+def _collocated(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
+) -> tuple[Array, Array, bool]:
     """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
 
     As many steps are joined as leave S a polynomial there: its last coefficient tells. Where bristles turn over, the
@@ -126,7 +133,7 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
         # the last coefficient grows with the length to the power of its order
         factor = 0.9 * max(roughest, _LEAST) ** (-1.0 / STAGES)
         joined = min(max(int(joined * min(factor, _GROWTH)), 1), _JOINED)
-    return np.array(ends), np.array(found)
+    return np.array(ends), np.array(found), path.is_lost
 
 
 def _turns(motion: Motion, path: Steep) -> Array:
