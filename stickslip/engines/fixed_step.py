@@ -113,7 +113,7 @@ class FixedStep:
         changed = violated | motion.has_left(taus, ys.T)
         if guards.in_band.size:
             changed |= (guards.beyond_bands(taus, ys.T) > 0).any(axis=0)
-        if not motion.stretch.is_straight:
+        if not motion.segment.is_straight:
             alive = motion.system.alive[:, None]
             now = (motion.loads(0.0)[: motion.system.m] > 0)[:, None] & alive
             later = motion.loads(taus)[: motion.system.m] > 0

@@ -20,7 +20,7 @@ from stickslip.engines.solvers.linear_solver import sparsity_pattern, write_spar
 from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
-from stickslip.equations.algebra.matrices import Block, assembled, dense
+from stickslip.equations.algebra.matrices import MatrixBlock, assembled, dense
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -207,7 +207,7 @@ class _Residual:
         equations, law = motion.equations, motion.equations.law
         rows, places = equations.velocity_dependent, equations.bristle_places
         bodies, states, forces = slice(system.n), slice(size), slice(size, total)
-        blocks: list[Block] = [(bodies, states, -equations.C), (bodies, forces, self._G.T)]
+        blocks: list[MatrixBlock] = [(bodies, states, -equations.C), (bodies, forces, self._G.T)]
         if size > system.n:
             others = slice(system.n, size)
             blocks.append((others, states, -motion.jacobian(tau, y)[others]))

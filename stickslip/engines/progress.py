@@ -57,10 +57,10 @@ class Interruption:
 
 
 class Progress:
-    """Counts the evaluations of one segment, remembers the last, and gives up where the end is out of reach.
+    """Counts the evaluations of one motion, remembers the last, and gives up where the end is out of reach.
 
-    `whole` is the length of the segment in s, `last` the local time of the last evaluation. Once the interruption is
-    pressed, the guards tell the solver that the segment has ended.
+    `whole` is the length of it in s, `last` the local time of the last evaluation. Once the interruption is
+    pressed, the guards tell the solver that it has ended.
     """
 
     def __init__(self, whole: float, interruption: Interruption) -> None:
@@ -71,7 +71,7 @@ class Progress:
     def note(self, tau: float) -> None:
         """Count an evaluation at local time `tau`.
 
-        Where the segment would take more than 1e9 evaluations at the pace of the last 50 000, it gives up; and where
+        Where the motion would take more than 1e9 evaluations at the pace of the last 50 000, it gives up; and where
         the time is not a number, because SUNDIALS' own tests let such steps pass, for ever.
         """
         if math.isnan(tau):

@@ -70,7 +70,7 @@ class Series:
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
-            bends = motion.is_rising(tau) or motion.stretch.has_waves
+            bends = motion.is_rising(tau) or motion.segment.has_waves
             # where springs and dampers act, a first step tells whether the motion is a long one
             if bends and (pieces or motion.is_polynomial) and motion.may_be_bounded:
                 step = self._past_bounds(motion, guards, tau, y, longest)
@@ -89,7 +89,7 @@ class Series:
             if hit and not step.frozen and end.size > size + motion.equations.watched_count:
                 watched = end[size:]
             self.work.steps += 1
-            if len(c) == ORDER + 1 and motion.stretch.is_straight and not np.count_nonzero(c[-1]):
+            if len(c) == ORDER + 1 and motion.segment.is_straight and not np.count_nonzero(c[-1]):
                 # a motion that is a short polynomial is kept as one
                 c = c[: max(np.flatnonzero(c.any(axis=1)).tolist(), default=0) + 1]
             pieces.append(c)
@@ -115,7 +115,7 @@ class Series:
         guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step
         would be short beside dwells and periods.
         """
-        if tau == 0 and motion.stretch.has_waves and not guards.is_plain:
+        if tau == 0 and motion.segment.has_waves and not guards.is_plain:
             # a guard that leaves 0 is told from it by what the sine does
             return None
         step = self._step(motion, guards, tau, y, longest, True)
@@ -124,7 +124,7 @@ class Series:
             return step
         if step.touched is not None:
             return None
-        if step.root * step.h < _WORTH * motion.dwell_times[:1].max(initial=motion.stretch.longest_period):
+        if step.root * step.h < _WORTH * motion.dwell_times[:1].max(initial=motion.segment.longest_period):
             return None
         # up to there no guard is 0
         weights = step.root ** np.arange(step.terms.shape[0])
@@ -144,7 +144,7 @@ class Series:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
             h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
         terms, g = expansion.whole, guards.series(expansion)
-        if frozen and motion.stretch.has_waves:
+        if frozen and motion.segment.has_waves:
             g = np.concatenate([g[:1] - guards.allowance, g[1:]])
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards)

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import dense
-from stickslip.equations.loads.loads import Loads, Stretch
+from stickslip.equations.loads.loads import Loads, Segment
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask
 
@@ -195,14 +195,14 @@ class Forest:
             np.add.at(self.stiffest, entries, np.abs(factor) * steepest[gap, 0])
             np.add.at(self.most_damped, entries, np.abs(factor) * steepest[gap, 1])
 
-    def takes(self, stretch: Stretch) -> bool:
-        """Tell whether the loads of a stretch are lines and sines, and no sine opens a contact."""
-        if not stretch.has_waves:
+    def takes(self, segment: Segment) -> bool:
+        """Tell whether the loads of a segment are lines and sines, and no sine opens a contact."""
+        if not segment.has_waves:
             return True
-        last = stretch.value + (stretch.stop - stretch.start) * stretch.slope
-        least = np.minimum(stretch.value, last) - stretch.amplitudes
-        normals = stretch.sines.entry[stretch.sines.entry < self.m]
-        return bool((least[normals] > 0).all() and (stretch.sines.frequency != 0).all())
+        last = segment.value + (segment.stop - segment.start) * segment.slope
+        least = np.minimum(segment.value, last) - segment.amplitudes
+        normals = segment.sines.entry[segment.sines.entry < self.m]
+        return bool((least[normals] > 0).all() and (segment.sines.frequency != 0).all())
 
     def _reach(self, system: System) -> None:
         """Find how long a series holds, and how far a change reaches meanwhile, from chains of majorants."""

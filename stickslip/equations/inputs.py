@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.floats import Columns
-from stickslip.equations.loads.loads import Stretch
+from stickslip.equations.loads.loads import Segment
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices, Mask
 
@@ -24,16 +24,16 @@ _NO_NUMBERS = np.empty(0)
 class Inputs:
     """The inputs along a motion from a state on, and the states that its modes allow.
 
-    `stretch` are the loads up to the next break. The state `y` at the start `t` has its dependent velocities written
+    `segment` are the loads up to the next break. The state `y` at the start `t` has its dependent velocities written
     through T; each row last became held at `since`.
     """
 
-    def __init__(self, equations: ModeEquations, stretch: Stretch, t: float, y: Array, since: Array) -> None:
-        self.equations, self.stretch, self.t, self.y, self.since = equations, stretch, t, y, since
+    def __init__(self, equations: ModeEquations, segment: Segment, t: float, y: Array, since: Array) -> None:
+        self.equations, self.segment, self.t, self.y, self.since = equations, segment, t, y, since
         system = self.system = equations.system
-        self.horizon = stretch.stop - t
-        self.dependence, self.table_regions = system.dependence, stretch.table_regions
-        self.is_straight, self.rises_push = stretch.is_straight, equations.rises_push
+        self.horizon = segment.stop - t
+        self.dependence, self.table_regions = system.dependence, segment.table_regions
+        self.is_straight, self.rises_push = segment.is_straight, equations.rises_push
         self._rising = self._rising_rows = _NO_ROWS
         self._over = -math.inf
         self._x: Array | None = None
@@ -61,8 +61,8 @@ class Inputs:
     def loads(self, tau: float | Array) -> Array:
         """Return the inputs that loads are at local time `tau`, without what depends on the state."""
         if isinstance(tau, np.ndarray):
-            return self.stretch.sampled(self.t + tau)
-        return self.stretch.at(self.t + tau)
+            return self.segment.sampled(self.t + tau)
+        return self.segment.at(self.t + tau)
 
     def inputs(self, tau: float | Array, y: Array, wanted: Collection[int] | None = None) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array.
@@ -116,7 +116,7 @@ class Inputs:
         ).T
         low, high = np.minimum(low, x), np.maximum(high, x)
         size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
-        beside = np.maximum(_BESIDE * size, self.stretch.beside)
+        beside = np.maximum(_BESIDE * size, self.segment.beside)
         return low - beside, high + beside
 
     def normals(self, tau: float | Array, y: Array) -> Array:
@@ -129,12 +129,12 @@ class Inputs:
 
     def in_columns(self, more: int) -> tuple[Columns, Array]:
         """Return inputs and dwells of a small motion as sums over columns, with room for so many `more` terms."""
-        system, stretch, inputs, t = self.system, self.stretch, self.system.inputs, self.t
+        system, segment, inputs, t = self.system, self.segment, self.system.inputs, self.t
         dependence, places = self.dependence, self._rising
-        most = stretch.terms + (0 if dependence is None else dependence.width) + places.size + more
+        most = segment.terms + (0 if dependence is None else dependence.width) + places.size + more
         columns = Columns(system.size, most)
         q = np.zeros((system.inputs_and_dwells, columns.count))
-        stretch.enter_columns(columns, q[:inputs], t)
+        segment.enter_columns(columns, q[:inputs], t)
         if dependence is not None:
             y = np.eye(system.size, columns.count, columns.states.start)
             if self.equations.dependent.size:
@@ -152,7 +152,7 @@ class Inputs:
 
     def _input_rate(self, tau: float, y: Array, y_rate: Array) -> Array:
         """Return the derivatives of inputs and dwells along the motion."""
-        rate = self.stretch.rate(self.t + tau)
+        rate = self.segment.rate(self.t + tau)
         if self.dependence is not None:
             self._add_rates(rate, tau, y, y_rate)
         if not self.system.dwelling.size:
@@ -222,13 +222,13 @@ class Inputs:
     @cached_property
     def waves_rest(self) -> bool:
         """Whether sines move nothing: they only push on what rests, or press it."""
-        stretch, equations = self.stretch, self.equations
-        if not stretch.has_waves:
+        segment, equations = self.segment, self.equations
+        if not segment.has_waves:
             return True
-        system, entries = self.system, stretch.amplitudes.nonzero()[0]
+        system, entries = self.system, segment.amplitudes.nonzero()[0]
         # each by itself: two that cancel at their peaks move something all the same
         each = np.zeros((system.inputs_and_dwells, entries.size))
-        each[entries, np.arange(entries.size)] = stretch.amplitudes[entries]
+        each[entries, np.arange(entries.size)] = segment.amplitudes[entries]
         rate, _ = equations.magnitudes(np.zeros(system.size), each.sum(axis=1))
         moved = np.abs(equations.respond(each)[: system.size]) > 1e-12 * rate[:, None]
         return not (moved.any() or system.drive_velocities(each).any())
@@ -236,7 +236,7 @@ class Inputs:
     @property
     def may_be_bounded(self) -> bool:
         """Whether what bends the guards alone, rising levels and sines, moves nothing."""
-        if self.stretch.has_waves and self.dependence is not None:
+        if self.segment.has_waves and self.dependence is not None:
             return False
         return not self.rises_push and self.waves_rest
 
@@ -264,7 +264,7 @@ class Inputs:
 
     def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> Array:
         """Return the Taylor coefficients of inputs and dwells without what depends on the state, a row per order."""
-        series = self.stretch.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
+        series = self.segment.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
         if not self.system.dwelling.size:
             return series
         full = np.zeros((order + 1, self.system.inputs_and_dwells))
@@ -285,7 +285,7 @@ class Inputs:
 
     def _extended(self, tau: float, y: Array) -> Array:
         """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
-        q, slope = self.stretch.line(self.t + tau), self.stretch.slope
+        q, slope = self.segment.line(self.t + tau), self.segment.slope
         count = self.system.dwelling.size
         if not count:
             return np.concatenate([y, q, slope])
@@ -310,16 +310,16 @@ class Inputs:
 
         If `of_time`, dwells that begin there are left out.
         """
-        stretch, size = self.stretch, self.system.size
+        segment, size = self.segment, self.system.size
         found = np.abs(self._extended(0.0, self.y) if self._x is None else self._x)
-        if not stretch.is_steady:
-            value = np.abs((self.t - stretch.start) * stretch.slope)
-            value += np.abs(stretch.value)
+        if not segment.is_steady:
+            value = np.abs((self.t - segment.start) * segment.slope)
+            value += np.abs(segment.value)
             found[size : size + value.size] = value
         if of_time:
             begin = size + 2 * self.system.inputs + self._rising[self._age == 0]
             found[begin] = found[begin + self.system.dwelling.size] = 0.0
-        return np.concatenate([found, np.abs(stretch.sines.amplitude)]) if stretch.has_waves else found
+        return np.concatenate([found, np.abs(segment.sines.amplitude)]) if segment.has_waves else found
 
     @property
     def _rises_with_state(self) -> bool:
@@ -329,7 +329,7 @@ class Inputs:
     @property
     def _rises_with_waves(self) -> bool:
         """Whether a level rises to whose normal force sines are added."""
-        return self.stretch.has_waves and self._rises_among(self.stretch.waves[0])
+        return self.segment.has_waves and self._rises_among(self.segment.waves[0])
 
     def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
         """Tell whether a static coefficient of one of these rows still rises at the start."""
@@ -339,7 +339,7 @@ class Inputs:
 
     def _input_magnitudes(self, order: int) -> Array:
         """Return what adds up in inputs and dwells at the start, an order per row, without feedback."""
-        parts = self.stretch.magnitudes(self.t, order)
+        parts = self.segment.magnitudes(self.t, order)
         if not self.system.dwelling.size:
             return parts
         inputs = self.system.inputs
@@ -349,7 +349,7 @@ class Inputs:
             normals = parts[:, self._rising_rows]
             decay = self.system.decays(order)[:, self._rising]
             rises = np.zeros(normals.shape)
-            for k in range(order + 1 if self.stretch.has_waves else 2):
+            for k in range(order + 1 if self.segment.has_waves else 2):
                 rises[k:] += decay[: order + 1 - k] * normals[k]
             found[:, inputs + self._rising] = rises
         return found
@@ -375,7 +375,7 @@ class Linked:
 
     def __init__(self, motion: Inputs, tau: float, order: int, scale: float, frozen: bool) -> None:
         self._motion = motion
-        self.loads = motion.stretch.taylor(motion.t + tau, order, scale)
+        self.loads = motion.segment.taylor(motion.t + tau, order, scale)
         self.q = np.zeros((order + 1, motion.system.inputs_and_dwells))
         self._decay = motion.decay(tau, order, scale, frozen)
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import (
-    Block,
+    MatrixBlock,
     Triplets,
     assembled,
     dense,
@@ -479,7 +479,7 @@ class ModeEquations:
             return self.A
         system, T, n, size = self.system, self.balance.T, self.system.n, self.system.size
         fold = scipy.sparse.block_diag([T, scipy.sparse.eye_array(size - n)], format="csr")
-        blocks: list[Block] = [
+        blocks: list[MatrixBlock] = [
             (slice(n), slice(size), self.balance.accelerations((self.C @ fold).tocsr())),
             (system.moved_state, slice(n), T[system.moved]),
             (slice(system.first_block, size), slice(size), system.block_C @ fold),

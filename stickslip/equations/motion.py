@@ -13,7 +13,7 @@ from stickslip.equations.algebra.floats import Sums, rates_of, smallest_of
 from stickslip.equations.algebra.matrices import assembled, dense
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
-from stickslip.equations.loads.loads import NO_WAVES, Stretch
+from stickslip.equations.loads.loads import NO_WAVES, Segment
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.equations.taylor import TaylorMap
@@ -79,10 +79,10 @@ class _Lines(NamedTuple):
 class Motion(Inputs):
     """The equations in one set of modes from a state on. Local time tau runs from 0 at the start."""
 
-    def __init__(self, equations: ModeEquations, stretch: Stretch, t: float, y: Array, since: Array) -> None:
-        super().__init__(equations, stretch, t, y, since)
+    def __init__(self, equations: ModeEquations, segment: Segment, t: float, y: Array, since: Array) -> None:
+        super().__init__(equations, segment, t, y, since)
         self.has_law = equations.velocity_dependent.size > 0
-        self.has_functions = stretch.has_functions or not (
+        self.has_functions = segment.has_functions or not (
             self.dependence is None or self.dependence.is_linear_in(self.table_regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
@@ -91,9 +91,9 @@ class Motion(Inputs):
         if self.is_linear and equations.is_small:
             self.first = self.start = self.expand(0.0, y, 2)
 
-    def __reduce__(self) -> tuple[type[Motion], tuple[ModeEquations, Stretch, float, Array, Array]]:
+    def __reduce__(self) -> tuple[type[Motion], tuple[ModeEquations, Segment, float, Array, Array]]:
         """Leave out of a pickle what is kept: it follows from what a motion begins with."""
-        return Motion, (self.equations, self.stretch, self.t, self.y, self.since)
+        return Motion, (self.equations, self.segment, self.t, self.y, self.since)
 
     # -- rates -----------------------------------------------------------------------------------------------
 
@@ -146,7 +146,7 @@ class Motion(Inputs):
         ):
             return None
         value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs_and_dwells)
-        slope[: system.inputs] = self.stretch.slope
+        slope[: system.inputs] = self.segment.slope
         rows, none = equations.velocity_dependent, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
         return _Lines(
@@ -154,9 +154,9 @@ class Motion(Inputs):
             equations.respond(slope),
             w,
             bend,
-            np.maximum(value[rows], 0.0) if self.stretch.is_steady else value[rows],
+            np.maximum(value[rows], 0.0) if self.segment.is_steady else value[rows],
             slope[rows],
-            self.stretch.is_steady,
+            self.segment.is_steady,
         )
 
     @cached_property
@@ -281,7 +281,7 @@ class Motion(Inputs):
 
     def relative_acceleration(self, tau: float, y: Array, row: int) -> float:
         """Return how fast the relative velocity of a row grows."""
-        slopes = self.stretch.rate(self.t + tau)
+        slopes = self.segment.rate(self.t + tau)
         return float(self.system.relative_velocity(self.rate(tau, y), slopes)[row])
 
     def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
@@ -408,10 +408,10 @@ class Motion(Inputs):
         """
         equations, system = self.equations, self.system
         size = system.size
-        swings = self.stretch.has_waves and not (frozen and self.waves_rest)
+        swings = self.segment.has_waves and not (frozen and self.waves_rest)
         if equations.is_small and not (self._rises_with_state or (swings and self._rises_with_waves)):
             taylor = equations.taylor(
-                order, frozen, self.table_regions, self.stretch.waves if swings else NO_WAVES
+                order, frozen, self.table_regions, self.segment.waves if swings else NO_WAVES
             )
             if taylor is not None and taylor.reaches(scale):
                 found = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
@@ -452,7 +452,7 @@ class Motion(Inputs):
         if at_start and self._at_start is not None and self._at_start[0] is taylor:
             return self._at_start[1]
         x = self._extended(tau, y)
-        found = taylor.derivatives(np.concatenate([x, self.stretch.swings(self.t + tau)]) if swings else x)
+        found = taylor.derivatives(np.concatenate([x, self.segment.swings(self.t + tau)]) if swings else x)
         if at_start:
             self._at_start, self._x = (taylor, found), x
         return found
@@ -481,8 +481,8 @@ class Motion(Inputs):
     def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
         """Return the same of guards, an order per row; `of_time` without dwells that begin at the start."""
         sizes = None
-        if not (self.dependence is not None or self.stretch.has_functions or self._rises_with_waves):
-            sizes = rows.sizes(order, self.stretch.waves)
+        if not (self.dependence is not None or self.segment.has_functions or self._rises_with_waves):
+            sizes = rows.sizes(order, self.segment.waves)
         if sizes is None:
             return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order)])
         found: Array = (sizes @ self.adding_up(of_time)).reshape(order + 1, -1)

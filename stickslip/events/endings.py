@@ -154,7 +154,7 @@ def jumped(
     if not (system.drives or system.has_stops):
         none = np.zeros(system.m, dtype=bool)
         return Jump(none, y, np.zeros(system.m, dtype=np.int8), none, None)
-    q, q_before = loads.after(t).at(t), motion.stretch.at(motion.t + float(path.taus[-1]))
+    q, q_before = loads.after(t).at(t), motion.segment.at(motion.t + float(path.taus[-1]))
     before, after = system.drive_velocities(q_before), system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
     # a drive that comes to rest with a corner does so but for the roundoff of the time

@@ -96,4 +96,4 @@ def _first_terms(
         push += magnitude[k] * horizon ** (k - 1)
     calm = rise <= still * push
     # what a function of time does later its slopes here do not tell
-    return to_come, calm if motion.stretch.has_functions else calm | (rise * horizon <= slow)
+    return to_come, calm if motion.segment.has_functions else calm | (rise * horizon <= slow)

@@ -142,7 +142,7 @@ def _signed(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
 
 def _signed_rates(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
     """Return how fast relative velocities grow away from 0."""
-    rates = [motion.stretch.rate(motion.t + tau) for tau in taus.tolist()] if motion.system.drives else []
+    rates = [motion.segment.rate(motion.t + tau) for tau in taus.tolist()] if motion.system.drives else []
     w = motion.system.relative_velocity(motion.rate(taus, states), np.array(rates).T)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 

@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
-from stickslip.equations.loads.loads import Stretch
+from stickslip.equations.loads.loads import Segment
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
@@ -35,14 +35,14 @@ class Search:
     def __init__(
         self,
         system: System,
-        stretch: Stretch,
+        segment: Segment,
         now: Situation,
         labels: Modes,
         candidates: Mask,
         regions: Regions,
         velocity_uncertainty: Array | None,
     ) -> None:
-        self._system, self._stretch, self._now, self._y = system, stretch, now, now.y
+        self._system, self._segment, self._now, self._y = system, segment, now, now.y
         self._labels, self._candidates, self._regions = labels, candidates, regions
         self._at_level, self._velocity_uncertainty = now.at_level(system), velocity_uncertainty
         self._sides = np.zeros(system.m, dtype=np.int8) if now.sides is None else now.sides.copy()
@@ -133,7 +133,7 @@ class Search:
             self._regions[functions.is_stop] = np.where(trial[row] == APART, 0, side)
         while True:
             equations = equations_in(trial, self._system, self._regions)
-            motion = Motion(equations, self._stretch, self._now.t, self._y, self._now.since)
+            motion = Motion(equations, self._segment, self._now.t, self._y, self._now.since)
             guards = Guards(
                 motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty
             )
@@ -219,7 +219,7 @@ class Search:
     def _stay_together(self, trial: Modes) -> None:
         """Conserve momentum where a stop closes that rebounds so slowly that its flight would be roundoff."""
         system, n = self._system, self._system.n
-        u = system.drive_velocities(self._stretch.at(self._now.t))
+        u = system.drive_velocities(self._segment.at(self._now.t))
         held = (trial == 0) & system.hard
         self._y = self._y.copy()
         self._y[:n] = system.balance(held).project(self._y[:n], u)

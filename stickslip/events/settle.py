@@ -11,7 +11,7 @@ from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.guards.values import AT_BAND
-from stickslip.equations.loads.loads import Loads, Stretch, TableRegions
+from stickslip.equations.loads.loads import Loads, Segment, TableRegions
 from stickslip.equations.mode_equations import APART, FREE, OPEN, ModeEquations, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
@@ -33,25 +33,25 @@ class Settled:
     impact: Struck | None = None  # with which the motion began; None for none
 
 
-def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> Modes | None:
+def modes_after_break(now: Settled, segment: Segment, t: float, y: Array, largest: Array) -> Modes | None:
     """Return the modes after a break of loads where no row at rest has to be asked; None where more may change.
 
     Velocities do not jump, and what slips or is open moves: a contact that is pressed from now on slips, and one that
     no longer is goes on without friction. Held rows stay held.
 
-    `now` is the motion up to `t`, `stretch` the loads from there on; `largest` bounds the sizes of the states on the
+    `now` is the motion up to `t`, `segment` the loads from there on; `largest` bounds the sizes of the states on the
     way.
     """
     motion, system = now.motion, now.motion.system
-    if t < motion.stretch.stop or system.has_stops or system.sampled or system.dependence is not None:
+    if t < motion.segment.stop or system.has_stops or system.sampled or system.dependence is not None:
         return None
     if system.drives and motion.equations.at_level.size:
         # what spares them may be torn away
         return None
-    q = stretch.at(t)
-    if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.stretch.at(t))).any():
+    q = segment.at(t)
+    if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.segment.at(t))).any():
         return None
-    modes, closed = motion.equations.modes, _closed(system, stretch, t, q)
+    modes, closed = motion.equations.modes, _closed(system, segment, t, q)
     changes = (modes == OPEN) == closed
     if comes_to_rest(now, t, y, largest, q, changes):
         return None
@@ -78,19 +78,19 @@ def comes_to_rest(
     return bool(np.count_nonzero(moves & (np.abs(w) <= rough)))
 
 
-def all_pressed(system: System, stretch: Stretch, t: float) -> bool:
+def all_pressed(system: System, segment: Segment, t: float) -> bool:
     """Tell whether loads press all rows: with fixed steps one may have opened within a step."""
-    return not stretch.is_stepped or bool((_closed(system, stretch, t, stretch.at(t)) | system.pressed).all())
+    return not segment.is_stepped or bool((_closed(system, segment, t, segment.at(t)) | system.pressed).all())
 
 
-def carried_on(now: Settled, stretch: Stretch, t: float, y: Array, modes: Modes) -> Settled | None:
+def carried_on(now: Settled, segment: Segment, t: float, y: Array, modes: Modes) -> Settled | None:
     """Return what goes on after a sample or a break in some modes, None where these may not hold.
 
     Rows show what they showed.
     """
     motion = now.motion
     equations = equations_in(modes, motion.system, motion.equations.regions)
-    following = Motion(equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
+    following = Motion(equations, segment, t, motion.exact(t - motion.t, y), motion.since)
     none = np.zeros(now.labels.size, dtype=bool)
     guards = Guards(following, now.labels, none, none, now.guards.velocity_uncertainty)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
@@ -133,13 +133,13 @@ def with_one(
     if direction:
         y = motion.exact(t - motion.t, y)
     else:
-        u = system.drive_velocities(motion.stretch.at(t)) if system.drives else y[:0]
+        u = system.drive_velocities(motion.segment.at(t)) if system.drives else y[:0]
         y = _project(system, y, u, held)
     modes, labels, at_level = equations.modes.copy(), now.labels.copy(), np.zeros(system.m, dtype=bool)
     at_level[row] = direction != 0
     while True:
         modes[row] = labels[row] = direction
-        following = Motion(equations_in(modes, system, equations.regions), motion.stretch, t, y, since)
+        following = Motion(equations_in(modes, system, equations.regions), motion.segment, t, y, since)
         guards = Guards(following, labels, held, at_level, velocity_uncertainty)
         if guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
             return None
@@ -161,15 +161,15 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     If no set of modes is consistent, that is `Inconsistent`; where drives press rows together that cannot give way, it
     is `Jammed`.
     """
-    stretch = loads.after(now.t)
-    q = inputs_before(system, stretch, now, stretch.table_regions)
-    closed = _closed(system, stretch, now.t, q)
+    segment = loads.after(now.t)
+    q = inputs_before(system, segment, now, segment.table_regions)
+    closed = _closed(system, segment, now.t, q)
     if system.dependence is not None:
         # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
     tried = set[bytes]()
     while True:
-        found = _settled(system, stretch, now, uncertainty, q, closed)
+        found = _settled(system, segment, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
         if not wrong.size:
             if (rows := pressed_together(found.motion)).size:
@@ -183,12 +183,12 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
             raise Inconsistent(wrong)
 
 
-def inputs_before(system: System, stretch: Stretch, now: Situation, regions: TableRegions = None) -> Array:
+def inputs_before(system: System, segment: Segment, now: Situation, regions: TableRegions = None) -> Array:
     """Return the inputs before the modes are known; what moves has the friction of its velocity.
 
     Tables follow the lines of their `regions`; without these, those of what they are looked up at.
     """
-    q = stretch.at(now.t)
+    q = segment.at(now.t)
     if system.dependence is None:
         return q
     friction = None
@@ -218,7 +218,7 @@ class _Friction(NamedTuple):
 
 def _settled(
     system: System,
-    stretch: Stretch,
+    segment: Segment,
     now: Situation,
     uncertainty: Uncertainty,
     q: Array,
@@ -260,12 +260,12 @@ def _settled(
     since = now.since if now.labels is not None else np.where(rests, now.since, now.t)
     now = now._replace(y=y, since=since)
     regions = system.piecewise.at(y, q, now.regions)
-    search = Search(system, stretch, now, labels, candidates, regions, beyond)
+    search = Search(system, segment, now, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
     if (stopped := _stopped_by(motion, candidates)) is not None:
         y = _project(system, now.y, u, motion.equations.is_held)
         now = now._replace(y=y, touching=now.touching | stopped)
-        return _settled(system, stretch, now, uncertainty, q, closed)
+        return _settled(system, segment, now, uncertainty, q, closed)
     crossed = np.zeros(system.m, dtype=bool) if beyond is None else now.crossed
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
@@ -384,12 +384,12 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
-def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
+def _closed(system: System, segment: Segment, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     presses = q[: system.m] > 0
     if np.count_nonzero(presses) < presses.size:
         # a normal force that is 0 now, or below by roundoff, may begin to press, or only touch 0
-        presses |= (stretch.just_after(t, system.m) > 0) & ~system.pressed
+        presses |= (segment.just_after(t, system.m) > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)

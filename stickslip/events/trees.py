@@ -35,14 +35,14 @@ class Tree(NamedTuple):
     lead: float | None
 
 
-class Outcome(NamedTuple):
-    """What goes on."""
+class TreeModes(NamedTuple):
+    """The modes in which a tree goes on."""
 
     mode: Modes  # (h,): of the rows of the tree
     label: Indices  # (k,): bodies with the same number stay together
 
 
-def settle_tree(forest: Forest, tree: Tree, side: int) -> Outcome | None:
+def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
     """Return the modes in which a tree goes on, None where that is not clear.
 
     `side` is the direction in which the first row lets go, 0 where it has come to rest.
@@ -87,10 +87,10 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> Outcome | None:
         level = np.maximum(tree.upper[moving], tree.lower[moving])
         if (apart <= _MOVES * level / tree.inertia.sum()).any():
             return None
-    return Outcome(mode, label)
+    return TreeModes(mode, label)
 
 
-def _settle_one(forest: Forest, tree: Tree, side: int) -> Outcome | None:
+def _settle_one(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
     """Settle one body on the ground or on a drive."""
     sign = float(forest.sign[tree.rows[0]])
     lead, inertia = tree.lead or 0.0, float(tree.inertia[0])
@@ -101,14 +101,14 @@ def _settle_one(forest: Forest, tree: Tree, side: int) -> Outcome | None:
     if not side:
         ratio = abs(share) / level
         if ratio < 1 - _CLEAR:
-            return Outcome(np.zeros(1, dtype=np.int8), np.zeros(1, dtype=np.intp))
+            return TreeModes(np.zeros(1, dtype=np.int8), np.zeros(1, dtype=np.intp))
         if ratio <= 1 + _CLEAR:
             return None
         side = 1 if share > 0 else -1
     friction = float(tree.forward[0] if side > 0 else tree.backward[0])
     if side * (share - side * friction) <= _MOVES * level:
         return None
-    return Outcome(np.full(1, side, dtype=np.int8), np.zeros(1, dtype=np.intp))
+    return TreeModes(np.full(1, side, dtype=np.int8), np.zeros(1, dtype=np.intp))
 
 
 def _release(

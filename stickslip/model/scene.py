@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.model.checks import check_entries
 from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Gap, Named, Row
-from stickslip.model.elements.base import Motion, check_motion, listed
+from stickslip.model.elements.base import MotionKind, check_motion, listed
 from stickslip.model.elements.book import GROUND
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
@@ -60,7 +60,7 @@ class Scene:
     """
 
     elements: tuple[Element, ...]
-    motion: Motion | None = None
+    motion: MotionKind | None = None
 
     shown_by: ClassVar[dict[str, Callable[..., Any]]] = {}
     """What draws a scene ("draw") and what notebooks show ("html"): the model knows no drawings, others enter them."""
@@ -69,7 +69,7 @@ class Scene:
 
         def __getattr__(self, kind: str) -> tuple[Any, ...]: ...
 
-    def __init__(self, *elements: Element, motion: Motion | None = None) -> None:
+    def __init__(self, *elements: Element, motion: MotionKind | None = None) -> None:
         """Sort the elements by kind and check that they fit together."""
         check_motion(motion, "Scene", "for both")
         self._sort(elements, motion)
@@ -82,7 +82,7 @@ class Scene:
                 self.check_quantities(load, element.label)
         self._check_weightless()
 
-    def _sort(self, elements: Iterable[Element], motion: Motion | None) -> None:
+    def _sort(self, elements: Iterable[Element], motion: MotionKind | None) -> None:
         """Set the attributes, elements kind by kind."""
         object.__setattr__(self, "motion", motion)
         sorted_: dict[type, list[Element]] = {kind: [] for kind in KINDS.values()}
@@ -152,7 +152,7 @@ class Scene:
         return {block.name: block for block in self.all_blocks}
 
     @cached_property
-    def motions(self) -> dict[str, Motion | None]:
+    def motions(self) -> dict[str, MotionKind | None]:
         """How each body and drive moves, by name: as it says itself, else as the scene says."""
         return {one.name: one.motion or self.motion for one in (*self.bodies, *self.drives)}
 

@@ -102,13 +102,13 @@ class Patches:
             self._drives,
             np.array(self._ticks),
             np.array(self._piece),
-            Series.of(self._bodies),
-            Series.of(self._rows),
+            SeriesOfMany.of(self._bodies),
+            SeriesOfMany.of(self._rows),
         )
 
 
 @dataclass(frozen=True)
-class Series(PickledByFields):
+class SeriesOfMany(PickledByFields):
     """Polynomials of many things, those of one thing together and in order of time."""
 
     # (r,): from which tick on an entry holds, and for which body or row
@@ -121,7 +121,7 @@ class Series(PickledByFields):
     terms: Array  # (r, order + 1)
 
     @classmethod
-    def of(cls, entries: list[tuple[Any, ...]]) -> Series:
+    def of(cls, entries: list[tuple[Any, ...]]) -> SeriesOfMany:
         """Return entries in order; each is the number of a tick, and all others of the fields for some things."""
         width = max(1, *(entry[-1].shape[1] for entry in entries))
         ticks = np.repeat([entry[0] for entry in entries], [entry[1].size for entry in entries])
@@ -141,7 +141,7 @@ class Series(PickledByFields):
         """The first entry of each thing, and how many entries there are."""
         return self.thing.searchsorted(np.arange(int(self.thing[-1]) + 2 if self.thing.size else 1))
 
-    def held(self, ticks: Indices, things: slice) -> Held:
+    def held(self, ticks: Indices, things: slice) -> HeldEntries:
         """Return which entries of some things hold at some ticks, in order."""
         first, stop, _ = things.indices(self.firsts.size - 1)
         firsts = self.firsts[first : stop + 1]
@@ -151,9 +151,9 @@ class Series(PickledByFields):
         begins[firsts[:-1] - low] = 0
         ends = np.append(begins[1:], ticks.size)
         ends[firsts[1:] - low - 1] = ticks.size
-        return Held(slice(low, high), ends - begins, (stop - first, ticks.size))
+        return HeldEntries(slice(low, high), ends - begins, (stop - first, ticks.size))
 
-    def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, Held]]:
+    def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, HeldEntries]]:
         """Yield some things at a time and which of their entries hold at some ticks."""
         first, stop, _ = things.indices(self.firsts.size - 1)
         count = _VALUES // max(ticks.size, 1) + 1
@@ -171,7 +171,7 @@ class Series(PickledByFields):
         """Which entries have integrals that are no constants."""
         return np.asarray(self.is_bent | (self.terms[:, 0] != 0))
 
-    def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
+    def values(self, held: HeldEntries, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals on from what they begin with.
 
         The times are in the shape of `held`, or the same for each of its things.
@@ -203,7 +203,7 @@ class Series(PickledByFields):
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldEntries:
     """Which entries of series hold at some times, for one thing after the other."""
 
     entries: slice | Indices  # the entries of these things
@@ -249,8 +249,8 @@ class Patchwork(PickledByFields):
     drives: Drives = field(repr=False)
     ticks: Array = field(repr=False)
     piece_of_tick: Indices = field(repr=False)
-    bodies: Series = field(repr=False)
-    rows: Series = field(repr=False)
+    bodies: SeriesOfMany = field(repr=False)
+    rows: SeriesOfMany = field(repr=False)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return all but the scene as arrays."""
@@ -268,7 +268,7 @@ class Patchwork(PickledByFields):
         """Return what `to_arrays` wrote."""
         stop, unit, since = arrays["about"].tolist()
         bodies, rows = (
-            Series(**{one.name: arrays[f"{kind} {one.name}"] for one in fields(Series)})
+            SeriesOfMany(**{one.name: arrays[f"{kind} {one.name}"] for one in fields(SeriesOfMany)})
             for kind in ("bodies", "rows")
         )
         own: dict[str, Any] = {name: arrays[name] for name in _ARRAYS}
@@ -298,11 +298,11 @@ class Patchwork(PickledByFields):
 
     def _read(
         self,
-        series: Series,
+        series: SeriesOfMany,
         piece: Indices,
         t: Array,
         things: slice,
-        read: Callable[[Held, Array], NDArray[T]],
+        read: Callable[[HeldEntries, Array], NDArray[T]],
     ) -> NDArray[T]:
         """Return what is read of some things at times of pieces, a line each, whatever the order of the times."""
         ticks, t, back = self._in_order(piece, t)
@@ -328,7 +328,7 @@ class Patchwork(PickledByFields):
         """Return velocities of bodies at times of pieces; those that a drive leads have its own, to the bit."""
         return self._read(self.bodies, piece, t, bodies, self._velocity)
 
-    def _velocity(self, held: Held, t: Array) -> Array:
+    def _velocity(self, held: HeldEntries, t: Array) -> Array:
         v, lead = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries]
         is_led = lead >= 0
         if is_led.any():
@@ -341,7 +341,7 @@ class Patchwork(PickledByFields):
         """Return positions of bodies at times of pieces."""
         return self._read(self.bodies, piece, t, bodies, self._position)
 
-    def _position(self, held: Held, t: Array) -> Array:
+    def _position(self, held: HeldEntries, t: Array) -> Array:
         return self.bodies.values(held, t, self.unit, integrated=True)
 
     @cached_property
@@ -349,7 +349,7 @@ class Patchwork(PickledByFields):
         """Positions of the bodies at the start and at the end, a line each."""
         firsts, n = self.bodies.firsts, self.system.n
         entries = np.stack([firsts[:-1], firsts[1:] - 1], axis=1).ravel()
-        ends = Held(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
+        ends = HeldEntries(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
         return self._position(ends, np.array([self.starts[0], self.stop])).T
 
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stickslip.model.elements import GROUND, Body, Drive, Force
-from stickslip.model.elements.base import Motion, Radii
+from stickslip.model.elements.base import MotionKind, Radii
 from stickslip.model.scene import Scene
 
 
@@ -29,7 +29,7 @@ class Units:
 
 
 _BOTH = Units("kg | kg m²", "m | rad", "m/s | rad/s", "N | N m", "N/m | N m/rad", "N s/m | N m s/rad")
-_OF: dict[Motion | None, Units] = {
+_OF: dict[MotionKind | None, Units] = {
     "translation": Units("kg", "m", "m/s", "N", "N/m", "N s/m"),
     "rotation": Units("kg m²", "rad", "rad/s", "N m", "N m/rad", "N m s/rad"),
     None: _BOTH,
@@ -49,7 +49,7 @@ def units(scene: Scene, *elements: Any) -> Units:
     return _OF[motions.pop()] if len(motions) == 1 else _BOTH
 
 
-def _motion(scene: Scene, element: Any) -> Motion | None:
+def _motion(scene: Scene, element: Any) -> MotionKind | None:
     """Return along what an element's quantities are measured."""
     if isinstance(element, (Body, Drive)):
         return scene.motions[element.name]

@@ -16,7 +16,7 @@ def until_out_of_bands(motion: Motion, guards: Guards, path: Path) -> Path:
     When exactly it has left does not matter: from there on the edge of the band is a guard. Fixed steps end there by
     themselves, as they end at other changes.
     """
-    if not guards.in_band.size or path.taus.size < 2 or motion.stretch.is_stepped:
+    if not guards.in_band.size or path.taus.size < 2 or motion.segment.is_stepped:
         return path
     taus = (path.taus[:-1, None] + np.diff(path.taus)[:, None] * chebyshev_nodes(DEGREE)).ravel()
     out = (guards.beyond_bands(taus, path.at(taus).T) > 0).any(axis=0)

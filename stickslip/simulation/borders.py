@@ -62,7 +62,7 @@ class Borders:
             self._leave_with_event(motion, path, regions)
         if self._stays_within(motion, path, regions):
             return path
-        curved = not self._dependence.read_for_tables.isdisjoint(motion.stretch.bent.tolist())
+        curved = not self._dependence.read_for_tables.isdisjoint(motion.segment.bent.tolist())
         # where no load bends what is looked up, this is nearly a polynomial as the state is
         nodes = chebyshev_nodes(DEGREE if curved else min(DEGREE, path.coefficients.shape[1] + _MORE))
         taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
@@ -106,16 +106,16 @@ class Borders:
 
     def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
         """Tell whether a bound shows that no table is left: what is looked up strays by its coefficients at most."""
-        dependence, stretch = self._dependence, motion.stretch
-        if dependence.for_tables or not stretch.is_straight:
+        dependence, segment = self._dependence, motion.segment
+        if dependence.for_tables or not segment.is_straight:
             return False
         steps = np.diff(path.taus)
         for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
             part = dependence.arguments[number]
             value = path.coefficients[:, :, part.columns] @ part.S[0]
-            drift = float(part.P[0] @ stretch.slope[part.places])
-            since = motion.t - stretch.start + path.taus[:-1]
-            first = value[:, 0] + part.P[0] @ stretch.value[part.places] + drift * since
+            drift = float(part.P[0] @ segment.slope[part.places])
+            since = motion.t - segment.start + path.taus[:-1]
+            first = value[:, 0] + part.P[0] @ segment.value[part.places] + drift * since
             strays = np.abs(value[:, 1:]).sum(axis=1) + abs(drift) * steps
             low, high = dependence.borders(k, region)
             if not (np.all(first - strays > low) and np.all(first + strays < high)):

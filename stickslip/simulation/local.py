@@ -24,7 +24,7 @@ from stickslip.equations.mode_equations import APART, OPEN
 from stickslip.events.endings import arrives
 from stickslip.events.settle import Settled
 from stickslip.events.situation import Situation
-from stickslip.events.trees import Outcome, Tree, settle_tree
+from stickslip.events.trees import Tree, TreeModes, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.borders import TOGETHER
@@ -101,7 +101,7 @@ class Local:
         # impacts are kept with motions of the whole scene
         if now.impact is not None or equations.rises_push or equations.balance.parting is not None:
             return False
-        return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
+        return bool(self._forest.takes(motion.segment) and plain.all() and motion.horizon > 0)
 
     def follow(self, now: Settled) -> Ending | None:
         """Follow a motion and all its events to where the whole scene is to be settled.
@@ -333,7 +333,7 @@ class Local:
         self,
         t: float,
         tree: Tree,
-        outcome: Outcome,
+        outcome: TreeModes,
         groups: list[int],
         patch: Patch,
         where: Indices,
@@ -379,7 +379,7 @@ class Local:
         guards = self._armed + self._parts.elastic.guards - self._due.staying
         self.most_guards = max(self.most_guards, guards)
 
-    def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
+    def _regroup(self, tree: Tree, outcome: TreeModes, groups: list[int]) -> None:
         """Form the groups that go on together."""
         parts, forest = self._parts, self._forest
         rows, mode, label = tree.rows, outcome.mode, outcome.label

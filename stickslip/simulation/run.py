@@ -195,7 +195,7 @@ class Run:
     @staticmethod
     def _end(motion: Motion, path: Path, relaxed: list[int]) -> float:
         """Return the time at which a path ends."""
-        tau, stop = float(path.taus[-1]), motion.stretch.stop
+        tau, stop = float(path.taus[-1]), motion.segment.stop
         t = motion.t + tau
         if (tau >= motion.horizon and not (path.has_event or relaxed)) or stop - t <= TOGETHER * abs(stop):
             # the break itself: what was added up to it has been rounded
@@ -254,7 +254,7 @@ class Run:
             return
         before = shown_at_end(motion, path, now.labels)
         since = np.where(before == 0, motion.since, t)
-        alone = None if relaxed or t >= motion.stretch.stop else alone_at_limit(now.guards, path)
+        alone = None if relaxed or t >= motion.segment.stop else alone_at_limit(now.guards, path)
         if alone is not None and self._enter_regions(now, path.last, t):
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
             following = with_one(now, t, path.last, since, *alone, uncertain)
@@ -272,7 +272,7 @@ class Run:
         after, modes = self.loads.after(t), now.motion.equations.modes
         at_sample = self.loads.goes_on(t)
         # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
-        if t < now.motion.stretch.stop or at_sample:
+        if t < now.motion.segment.stop or at_sample:
             holds = modes.max(initial=0) < OPEN and all_pressed(self.system, after, t)
             # a sample may push back what comes to rest there
             if holds and at_sample:
@@ -284,7 +284,7 @@ class Run:
             return None
         y = np.concatenate([path.last[: self.system.first_block], blocks])
         self._enter_regions(now, y, t)
-        # once more: the stretch now has the regions just entered
+        # once more: the segment now has the regions just entered
         return carried_on(now, self.loads.after(t), t, y, following)
 
     def _enter_regions(self, now: Settled, y: Array, t: float) -> bool:
@@ -378,7 +378,7 @@ class Run:
     def _blocks_at_end(self, motion: Motion, path: Path, t: float) -> Array:
         """Return the states of blocks at the end of a path, after the samples that are taken there."""
         system = self.system
-        if not system.sampled or t != motion.stretch.stop:
+        if not system.sampled or t != motion.segment.stop:
             return path.last[system.first_block :]
         q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
         return self._sample(t, q, path.last)[system.first_block :]

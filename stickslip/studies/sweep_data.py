@@ -17,7 +17,7 @@ import numpy as np
 Index = tuple[int, ...]
 Point = dict[str, Any]
 Values = dict[str, np.ndarray]
-Task = tuple[Index, Point]
+GridPoint = tuple[Index, Point]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,7 +62,7 @@ class SweepResult:
 
     def points(self) -> Iterator[tuple[Point, dict[str, Any]]]:
         """Iterate over the points of the grid: parameters and values, both by name."""
-        for index, point in tasks(self.parameters):
+        for index, point in grid_points(self.parameters):
             yield point, {name: array[index] for name, array in self.values.items()}
 
     def to_xarray(self) -> Any:
@@ -112,7 +112,7 @@ def _other_than(names: Collection[str], name: str) -> str:
     return name
 
 
-def tasks(parameters: Mapping[str, np.ndarray]) -> Iterator[Task]:
+def grid_points(parameters: Mapping[str, np.ndarray]) -> Iterator[GridPoint]:
     """Iterate over grid indices and points, the last parameter fastest."""
     axes = [list(enumerate(axis.tolist())) for axis in parameters.values()]
     for combination in product(*axes):

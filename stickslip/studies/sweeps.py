@@ -23,7 +23,16 @@ import numpy as np
 from tqdm import tqdm
 
 from stickslip.model.checks import check_takes, flag, whole
-from stickslip.studies.sweep_data import Index, Point, SweepLog, SweepResult, Task, Values, collect, tasks
+from stickslip.studies.sweep_data import (
+    GridPoint,
+    Index,
+    Point,
+    SweepLog,
+    SweepResult,
+    Values,
+    collect,
+    grid_points,
+)
 
 __all__ = ["SweepInterrupted", "SweepResult", "sweep"]
 
@@ -93,7 +102,7 @@ def sweep(
     check_takes(function, 0, "sweep: function", f"{', '.join(parameters)} by name", parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()
     total = math.prod(len(axis) for axis in parameters.values())
-    todo = (task for task in tasks(parameters) if task[0] not in done)
+    todo = (task for task in grid_points(parameters) if task[0] not in done)
     outcomes: Outcomes
     if executor is None:
         processes = min(workers or os.cpu_count() or 1, 61, max(total - len(done), 1))
@@ -199,9 +208,9 @@ def _message(exception: BaseException) -> str:
 def _through(
     executor: Executor,
     function: Callable[..., Any],
-    todo: Iterable[Task],
+    todo: Iterable[GridPoint],
     window: int,
-    lost: list[Task] | None = None,
+    lost: list[GridPoint] | None = None,
 ) -> Outcomes:
     """Yield outcomes as they come, with at most `window` points on their way.
 
@@ -209,7 +218,7 @@ def _through(
     they failed.
     """
     finished: SimpleQueue[Future[Values | str]] = SimpleQueue()
-    waiting: dict[Future[Values | str], Task] = {}
+    waiting: dict[Future[Values | str], GridPoint] = {}
     todo = iter(todo)
     try:
         while True:
@@ -243,12 +252,12 @@ def _died(exception: BaseException | None) -> bool:
     return kind.__name__ == "KilledWorker" and kind.__module__.partition(".")[0] == "distributed"
 
 
-def _elsewhere(executor: Executor, function: Callable[..., Any], todo: Iterator[Task]) -> Outcomes:
+def _elsewhere(executor: Executor, function: Callable[..., Any], todo: Iterator[GridPoint]) -> Outcomes:
     """Yield outcomes from an executor that is not ours.
 
     A point that kills its worker may take others with it: all of them are tried again, each alone.
     """
-    lost: list[Task] = []
+    lost: list[GridPoint] = []
     yield from _through(executor, function, todo, _WINDOW, lost)
     for task in lost:
         yield from _through(executor, function, [task], 1)
@@ -270,16 +279,16 @@ def _outcome(future: Future[Values | str]) -> Values | str:
         return _message(exception)
 
 
-def _own_processes(function: Callable[..., Any], todo: Iterator[Task], workers: int) -> Outcomes:
+def _own_processes(function: Callable[..., Any], todo: Iterator[GridPoint], workers: int) -> Outcomes:
     """Yield outcomes from processes of our own.
 
     A point that kills its process breaks the whole pool: the points then on their way are evaluated again
     one by one, which shows the culprit, before the others go on in a fresh pool.
     """
     # the points of a broken pool
-    lost: list[Task] = []
+    lost: list[GridPoint] = []
 
-    def until_it_breaks(first: Task) -> Iterator[Task]:
+    def until_it_breaks(first: GridPoint) -> Iterator[GridPoint]:
         yield first
         while not lost and (task := next(todo, None)) is not None:
             yield task
@@ -304,7 +313,7 @@ def _end_after(sentinel: int) -> None:
 
 
 def _in_pool(
-    function: Callable[..., Any], todo: Iterable[Task], workers: int, lost: list[Task] | None
+    function: Callable[..., Any], todo: Iterable[GridPoint], workers: int, lost: list[GridPoint] | None
 ) -> Outcomes:
     pool = ProcessPoolExecutor(
         workers,

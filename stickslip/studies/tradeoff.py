@@ -216,6 +216,7 @@ def tradeoff(
         check_takes(error, 2, "tradeoff: error", "a result and the reference")
     if isinstance(budget, bool) or not (isinstance(budget, int | float) and 0 < budget < float("inf")):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
+    budget = finite(budget, "tradeoff: budget")
     progress = flag(progress, "tradeoff: progress")
     span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget

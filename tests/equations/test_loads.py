@@ -61,8 +61,8 @@ def test_stretches_run_from_break_to_break() -> None:
     ends = [0.0, *q.breaks, 1.0]
     for start, stop in pairwise(ends):
         for t in (start, 0.5 * (start + stop), math.nextafter(stop, 0)):
-            stretch = q.after(t)
-            assert (stretch.start, stretch.stop) == (start, stop)
+            segment = q.after(t)
+            assert (segment.start, segment.stop) == (start, stop)
 
 
 # Values
@@ -71,9 +71,9 @@ def test_stretches_run_from_break_to_break() -> None:
 def test_the_vector_holds_signals_then_rates_then_one() -> None:
     q = loads()
     assert q.size == 7 and not q.has_functions
-    stretch = q.after(0.1)
-    assert stretch.bent.tolist() == [2] and not stretch.is_straight
-    assert stretch.at(0.1).tolist() == pytest.approx(values(0.1), abs=1e-12)
+    segment = q.after(0.1)
+    assert segment.bent.tolist() == [2] and not segment.is_straight
+    assert segment.at(0.1).tolist() == pytest.approx(values(0.1), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_the_vector_at_any_times_in_any_order(times: list[float]) -> None:
 
 
 def test_lines_carry_on_to_the_next_break() -> None:
-    """At the end of a stretch stands the left limit: a step and a corner there belong to the next one."""
+    """At the end of a segment stands the left limit: a step and a corner there belong to the next one."""
     q = loads()
     before, after = q.after(0.39).at(0.4), q.after(0.4).at(0.4)
     assert (before[3], after[3]) == (1.0, -2.0)
@@ -108,17 +108,17 @@ def test_lines_carry_on_to_the_next_break() -> None:
 @settings(deadline=None)
 @given(st.lists(st.floats(0.4, 0.5), min_size=1, max_size=9))
 def test_many_times_of_a_stretch_are_columns(times: list[float]) -> None:
-    stretch = loads().after(0.4)
-    many = stretch.sampled(np.array(times))
+    segment = loads().after(0.4)
+    many = segment.sampled(np.array(times))
     for column, t in zip(many.T, times, strict=True):
-        np.testing.assert_allclose(column, stretch.at(t), rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(column, segment.at(t), rtol=1e-14, atol=1e-14)
 
 
 def test_sines_are_sharp_late_in_a_long_run() -> None:
     """Whole turns are dropped before they are multiplied by 2 pi: 0.25 Hz at 1e9 + 1 s is a quarter turn."""
-    stretch = one(sine(3.0, 0.25), 0.0, 2e9).after(1e9 + 1)
-    assert stretch.at(1e9 + 1)[0] == pytest.approx(3.0, rel=1e-15)
-    assert stretch.sampled(np.array([1e9, 1e9 + 3]))[0].tolist() == pytest.approx([0.0, -3.0], abs=1e-14)
+    segment = one(sine(3.0, 0.25), 0.0, 2e9).after(1e9 + 1)
+    assert segment.at(1e9 + 1)[0] == pytest.approx(3.0, rel=1e-15)
+    assert segment.sampled(np.array([1e9, 1e9 + 3]))[0].tolist() == pytest.approx([0.0, -3.0], abs=1e-14)
 
 
 def test_a_drive_s_acceleration_follows_its_velocity() -> None:
@@ -132,13 +132,13 @@ def test_a_drive_s_acceleration_follows_its_velocity() -> None:
 
 def test_sums_of_lines_sines_and_functions() -> None:
     load = sine(1.0, 2.0, phase=0.3, offset=0.5) + piecewise_linear([0, 2], [0, 4]) + signal(math.exp)
-    stretch = one(load).after(0.0)
-    assert stretch.has_functions and stretch.has_waves
+    segment = one(load).after(0.0)
+    assert segment.has_functions and segment.has_waves
     for t in (0.0, 0.7, 1.9):
         exact = 0.5 + math.sin(4 * math.pi * t + 0.3) + 2 * t + math.exp(t)
-        assert stretch.at(t)[0] == pytest.approx(exact, rel=1e-14)
+        assert segment.at(t)[0] == pytest.approx(exact, rel=1e-14)
         rate = 4 * math.pi * math.cos(4 * math.pi * t + 0.3) + 2 + math.exp(t)
-        assert stretch.rate(t)[0] == pytest.approx(rate, abs=1e-6)
+        assert segment.rate(t)[0] == pytest.approx(rate, abs=1e-6)
 
 
 def test_a_normal_force_is_cut_off_at_zero() -> None:
@@ -170,9 +170,9 @@ def test_taylor_coefficients_in_closed_form(t: float, scale: float) -> None:
 
 def test_series_of_lines_end() -> None:
     q = Loads([BRAKE, as_signal(5.0, "")], [], 0.0, 1.0)
-    stretch = q.after(0.07)
-    assert stretch.is_straight and not stretch.is_steady
-    found = stretch.taylor(0.07, 4)
+    segment = q.after(0.07)
+    assert segment.is_straight and not segment.is_steady
+    found = segment.taylor(0.07, 4)
     assert found[0].any() and found[1].any() and not found[2:].any()
     assert q.after(0.2).is_steady and not q.after(0.2).taylor(0.2, 4)[1:].any()
 
@@ -180,8 +180,8 @@ def test_series_of_lines_end() -> None:
 @settings(deadline=None)
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(2, 12))
 def test_magnitudes_bound_the_coefficients(t: float, order: int) -> None:
-    stretch = loads().after(t)
-    for part, size in zip(stretch.taylor(t, order), stretch.magnitudes(t, order), strict=True):
+    segment = loads().after(t)
+    for part, size in zip(segment.taylor(t, order), segment.magnitudes(t, order), strict=True):
         assert np.all(np.abs(part) <= size * (1 + 1e-12))
 
 
@@ -190,12 +190,12 @@ def test_magnitudes_bound_the_coefficients(t: float, order: int) -> None:
 
 def test_functions_at_many_times_are_columns() -> None:
     q = Loads([sine(1.0, 0.5), as_signal(2, ""), signal(math.sqrt)], [0], 0.0, 2.0)
-    times, stretch = np.array([0.25, 0.5, 1.75]), q.after(0.25)
-    assert stretch.bent.tolist() == [0, 2, 3]
-    many = stretch.sampled(times)
+    times, segment = np.array([0.25, 0.5, 1.75]), q.after(0.25)
+    assert segment.bent.tolist() == [0, 2, 3]
+    many = segment.sampled(times)
     assert many.shape == (5, 3)
     for column, t in zip(many.T, times, strict=True):
-        np.testing.assert_allclose(column, stretch.at(float(t)), rtol=1e-15, atol=1e-15)
+        np.testing.assert_allclose(column, segment.at(float(t)), rtol=1e-15, atol=1e-15)
 
 
 def test_functions_are_called_within_the_span_only() -> None:
@@ -210,11 +210,11 @@ def test_functions_are_called_within_the_span_only() -> None:
 
     rising, falling = noted(math.sqrt), noted(lambda t: math.sqrt(2.0 - t))
     q = Loads([signal(rising), signal(falling)], [1], 0.0, 2.0)
-    stretch = q.after(0.0)
+    segment = q.after(0.0)
     for t in (0.0, 1.0, 2.0):
-        assert np.isfinite(stretch.at(t)).all() and np.isfinite(stretch.rate(t)).all()
-    assert np.isfinite(stretch.sampled(np.array([0.0, 2.0]))).all()
-    assert np.isfinite(stretch.magnitudes(0.0, 2)).all()
+        assert np.isfinite(segment.at(t)).all() and np.isfinite(segment.rate(t)).all()
+    assert np.isfinite(segment.sampled(np.array([0.0, 2.0]))).all()
+    assert np.isfinite(segment.magnitudes(0.0, 2)).all()
     assert called and min(called) >= 0.0 and max(called) <= 2.0
 
 
@@ -246,15 +246,15 @@ def test_fixed_steps_read_every_load_and_stop_where_one_or_a_drive_s_acceleratio
     assert q.breaks == [0.4, 0.5] and q.has_functions
     assert Loads(SIGNALS, [], 0.0, 1.0, stepped=True).breaks == [0.4]
     assert math.isfinite(q.period)
-    stretch = q.after(0.0)
-    assert (stretch.start, stretch.stop) == (0.0, 0.4)
-    assert stretch.bent.tolist() == [1, 2, 3, 4, 5]
+    segment = q.after(0.0)
+    assert (segment.start, segment.stop) == (0.0, 0.4)
+    assert segment.bent.tolist() == [1, 2, 3, 4, 5]
     for t in (0.3, 0.1):
-        np.testing.assert_allclose(stretch.at(t), values(t), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(segment.at(t), values(t), rtol=1e-12, atol=1e-12)
 
 
 def test_a_scene_without_loads() -> None:
     q = Loads([], [], 0.0, 1.0)
-    stretch = q.after(0.5)
-    assert stretch.at(0.5).tolist() == [1.0]
-    assert stretch.is_straight and stretch.is_steady and stretch.bent.size == 0
+    segment = q.after(0.5)
+    assert segment.at(0.5).tolist() == [1.0]
+    assert segment.is_straight and segment.is_steady and segment.bent.size == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stickslip.results.patchwork import Series, _largest_over
+from stickslip.results.patchwork import SeriesOfMany, _largest_over
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -24,7 +24,7 @@ def test_values_and_integrals_are_those_of_each_polynomial(times: int) -> None:
     rng, unit, count = np.random.default_rng(times), 0.5, 12
     terms = rng.normal(size=(count, 12)) * (np.arange(12) <= np.arange(count)[:, None])
     number, origin, begin = np.arange(count), rng.random(count), rng.random(count)
-    series = Series(number, number, origin, begin, np.zeros(count), terms)
+    series = SeriesOfMany(number, number, origin, begin, np.zeros(count), terms)
     t = np.sort(rng.random(times))
     held = series.held(np.full(times, count), slice(None))
     values, moved = (series.values(held, t, unit, integrated) for integrated in (False, True))

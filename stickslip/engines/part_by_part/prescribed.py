@@ -48,12 +48,12 @@ class Prescribed:
 
     def __init__(self, forest: Forest, motion: Motion, acts: Any) -> None:
         system = motion.system
-        self.start, self.stop = motion.t, motion.stretch.stop
+        self.start, self.stop = motion.t, motion.segment.stop
         self._find_swings(forest, motion, acts)
         self.has_series = forest.is_coupled or self.has_waves
         self.unit = forest.unit if self.has_series else self.stop - self.start
         self._terms = forest.order + 1
-        q, slope = motion.stretch.taylor(motion.t, 1, waves=False)
+        q, slope = motion.segment.taylor(motion.t, 1, waves=False)
         self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
         self.normals = Lines(self.normal, motion.t, self.rows, self.unit, self._terms)
         start = np.zeros(system.drives)
@@ -73,7 +73,7 @@ class Prescribed:
 
     def _find_swings(self, forest: Forest, motion: Motion, acts: Any) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""
-        system, sines = motion.system, motion.stretch.sines
+        system, sines = motion.system, motion.segment.sines
         self.rows = Swings.among(sines, sines.entry, system.m)
         drive = sines.entry - system.first_drive
         self._drives = Swings.among(replace(sines, entry=drive), drive, system.drives)

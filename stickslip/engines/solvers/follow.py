@@ -37,7 +37,7 @@ def longest_step(motion: Motion, max_step: float, period: float) -> float:
 
     It is 0 for none, as SUNDIALS has it.
     """
-    longest = max_step if motion.stretch.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
+    longest = max_step if motion.segment.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
     return longest if np.isfinite(longest) else 0.0
 
 

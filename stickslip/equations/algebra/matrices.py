@@ -12,7 +12,7 @@ import scipy
 from stickslip.model.arrays import Array, Indices
 
 # Rows and columns of a part of a matrix, numbers for one of them at most, and what stands there.
-Block = tuple[slice | Indices, slice | Indices, Any]
+MatrixBlock = tuple[slice | Indices, slice | Indices, Any]
 
 
 class Triplets:
@@ -44,7 +44,7 @@ def dense(matrix: Any) -> Array:
     return found
 
 
-def assembled(size: int, blocks: Sequence[Block]) -> Any:
+def assembled(size: int, blocks: Sequence[MatrixBlock]) -> Any:
     """Return a square matrix as the sum of blocks, dense or sparse as the first of them is."""
     if isinstance(blocks[0][2], np.ndarray):
         found = np.zeros((size, size))

@@ -150,7 +150,7 @@ class GuardsAtStart(GuardValues):
             # nothing but roundoff is uncertain where no force can hold it
             return [ROUNDOFF * majorant[k, i] for k in (1, 2)], 0.0
         # where a load is a function, its slopes are as uncertain as the time
-        near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
+        near = self._adds_up if motion.segment.is_straight or motion.is_linear else majorant
         given, adds_up = self._given_at_level(i), float(near[1, i])
         found_at = _AS_FIRED * given if has_fired else 0.0
         # what is no longer held because it is beyond its level is pushed: held and moving must not both be denied
@@ -160,7 +160,7 @@ class GuardsAtStart(GuardValues):
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
         """Return the same of what is compared with a level, and within what it is at that; None where it is not."""
         motion, coefficients, majorant = self.motion, self.first, self.majorant
-        led = self.rows.is_force[i] and motion.stretch.has_functions and motion.equations.is_driven
+        led = self.rows.is_force[i] and motion.segment.has_functions and motion.equations.is_driven
         rough = (_BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
         reach = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
         if of_stop and coefficients[0, i] <= 0:

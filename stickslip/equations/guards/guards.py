@@ -80,7 +80,7 @@ class Guards(GuardsAtStart):
         """By how much sines can lower each guard, where they move nothing."""
         motion, system = self.motion, self.motion.system
         found = np.zeros(self.size)
-        amplitudes = motion.stretch.amplitudes
+        amplitudes = motion.segment.amplitudes
         for i in amplitudes.nonzero()[0].tolist():
             q = np.zeros(system.inputs_and_dwells)
             q[i] = amplitudes[i]
@@ -89,7 +89,7 @@ class Guards(GuardsAtStart):
 
     def is_followed_frozen(self, i: int) -> bool:
         """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
-        return i not in self.rows.rising and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
+        return i not in self.rows.rising and (not self.motion.segment.has_waves or self.allowance[i] == 0)
 
     # -- values with zeros divided out -----------------------------------------------------------------------
 
@@ -234,7 +234,7 @@ class Guards(GuardsAtStart):
         bends = not motion.is_straight or not is_linear or (is_rising and motion.rises_push)
         if bends:
             # velocities are states all the same, unless drives give them that turn
-            unknown |= ~self.is_velocity | system.drives_turn(motion.stretch.bent)
+            unknown |= ~self.is_velocity | system.drives_turn(motion.segment.bent)
         if not path.is_chebyshev or order < 2 or unknown.all():
             return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
         y = path.coefficients.reshape(k * order, size).T
@@ -268,7 +268,7 @@ class Guards(GuardsAtStart):
         found = np.zeros((system.inputs_and_dwells, k, order if is_linear else 2))
         given = found[: system.inputs]
         given[:, :, 0] = motion.loads(path.taus[:-1] + half)
-        given[:, :, 1] = np.multiply.outer(motion.stretch.slope, half)
+        given[:, :, 1] = np.multiply.outer(motion.segment.slope, half)
         if motion.is_rising(0.0):
             found[system.inputs :] = motion.withheld(path.taus[:-1])[:, :, None] * found[system.dwelling]
         if is_linear:
@@ -301,7 +301,7 @@ class Guards(GuardsAtStart):
             value, slope = self._on_lines
             g = self._of_states @ y
             g += value
-            if not motion.stretch.is_steady:
+            if not motion.segment.is_steady:
                 g += tau * slope
             return float(g.min())
         if self.rows.has_levels or self.rows.rising.size or motion.dependence is not None:
@@ -321,7 +321,7 @@ class Guards(GuardsAtStart):
         if motion.is_rising(0.0) or not motion.is_on_lines:
             return None
         slope = np.zeros(motion.start_inputs.size)
-        slope[: motion.stretch.slope.size] = motion.stretch.slope
+        slope[: motion.segment.slope.size] = motion.segment.slope
         value, slope = self.rows.of_inputs(np.stack([motion.start_inputs, slope], axis=1)).T
         return value + self._added, slope
 

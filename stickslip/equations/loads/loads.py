@@ -28,7 +28,7 @@ TableRegions = tuple[int, ...] | None
 
 _JUMP = 1e-9  # part of a signal by which it jumps at least
 _TOGETHER = 2e-15  # part of a time by which breaks differ that are the same but for roundoff
-_MOST_ENTRIES = 10_000  # entries of stretches that are kept at most
+_MOST_ENTRIES = 10_000  # entries of segments that are kept at most
 
 
 class Span(NamedTuple):
@@ -40,7 +40,7 @@ class Span(NamedTuple):
 
 
 class Loads:
-    """The input vector over a time span, stretch by stretch.
+    """The input vector over a time span, segment by segment.
 
     There is a signal for each entry of the vector; the slopes of those named by `rates`, the accelerations of drives,
     follow as further entries, and a last one is 1. If the loads are `stepped`, a fixed-step method reads them wherever
@@ -91,7 +91,7 @@ class Loads:
         self.has_functions = stepped or any(not isinstance(part, straight_or_sine) for part in parts)
         levels = [s.value if isinstance(s, Constant) else 0.0 for s in self._signals]
         self._constant = np.array([*levels, *[0.0] * len(rates), 1.0])
-        self._known: dict[int, Stretch] = {}
+        self._known: dict[int, Segment] = {}
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
 
@@ -109,20 +109,20 @@ class Loads:
         i = bisect_right(self.breaks, t)
         return self.breaks[i] if i < len(self.breaks) else stop
 
-    def after(self, t: float) -> Stretch:
-        """Return the stretch that begins at `t` or goes on there, with the present regions of tables."""
+    def after(self, t: float) -> Segment:
+        """Return the segment that begins at `t` or goes on there, with the present regions of tables."""
         number = bisect_right(self.breaks, t)
         found = self._known.get(number)
         if found is None:
             start = self.breaks[number - 1] if number else self._start
-            found = self._stretch(start, self.next_break(t, self._stop))
+            found = self._segment(start, self.next_break(t, self._stop))
             if len(self._known) * self.size >= _MOST_ENTRIES:
                 self._known.clear()
             self._known[number] = found
         found.table_regions, found.beside = self.table_regions, self.beside
         return found
 
-    def _stretch(self, t: float, stop: float) -> Stretch:
+    def _segment(self, t: float, stop: float) -> Segment:
         value, slope = self._constant.copy(), np.zeros(self.size)
         waves: list[tuple[int, float, float, float]] = []
         functions: list[tuple[int, Signal]] = []
@@ -154,7 +154,7 @@ class Loads:
                     functions.append((i, term))
                     if rate is not None:
                         functions.append((rate, _slope(term, t, stop)))
-        return Stretch(t, stop, value, slope, waves, functions, self._stepped)
+        return Segment(t, stop, value, slope, waves, functions, self._stepped)
 
 
 def _apart(breaks: set[float]) -> set[float]:
@@ -167,7 +167,7 @@ def _apart(breaks: set[float]) -> set[float]:
     return set(found)
 
 
-class Stretch:
+class Segment:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
     `value` and `slope` are the straight part, `bent` the entries that are not straight, and `table_regions` those in
@@ -198,7 +198,7 @@ class Stretch:
         self.bent = np.array(sorted(bent), dtype=np.intp)
 
     def at(self, t: float) -> Array:
-        """Return the inputs at `t`; functions count with their left limit at the end of the stretch."""
+        """Return the inputs at `t`; functions count with their left limit at the end of the segment."""
         q = self.line(t)
         if not self.is_straight:
             if self.has_waves:
@@ -229,7 +229,7 @@ class Stretch:
             q[i, columns.add(self._up_to_stop(function), [columns.time(t)])] = 1.0
 
     def _up_to_stop(self, function: Signal) -> Callable[[float], float]:
-        """Return a function with its left limit at the end of the stretch."""
+        """Return a function with its left limit at the end of the segment."""
         last = self._before_stop
         return lambda t: float(function(min(t, last)))
 
@@ -323,6 +323,6 @@ def _jumps(value: Callable[[float], float], times: Sequence[float]) -> list[floa
 
 
 def _slope(term: Signal, start: float, stop: float) -> Signal:
-    """Return the slope of a load within a stretch, as a load that has a slope: over a part of its period."""
+    """Return the slope of a load within a segment, as a load that has a slope: over a part of its period."""
     period = term.period or math.inf
     return Function(term.slope, (), period if math.isfinite(period) else None, limits=(start, stop))

@@ -14,7 +14,7 @@ from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signals import Load
 
 # How a body moves: it decides the units that tables and drawings show, and no number.
-Motion = Literal["rotation", "translation"]
+MotionKind = Literal["rotation", "translation"]
 
 
 class Element(metaclass=NamedArguments):
@@ -102,7 +102,7 @@ class Moving(Named):
     """A body or a drive: it has a velocity and a position, and may say how it moves."""
 
     position: float
-    motion: Motion | None
+    motion: MotionKind | None
 
     def __post_init__(self) -> None:
         """Check what a body and a drive have in common; a contact may be called what it likes."""
@@ -194,7 +194,7 @@ class Radii(Link):
 
 def check_motion(motion: Any, label: str, default: str) -> None:
     """Refuse what is no kind of motion."""
-    if motion is not None and not (isinstance(motion, str) and motion in get_args(Motion)):
+    if motion is not None and not (isinstance(motion, str) and motion in get_args(MotionKind)):
         raise ValueError(
             f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}"
         )

@@ -20,8 +20,8 @@ from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, as_expression
 from stickslip.model.signals import Load
 
-Function = Callable[[float, Array, Array], Any]
-Inputs = Sequence[Load | float]  # what inputs are given as; a block holds them as expressions
+BlockFunction = Callable[[float, Array, Array], Any]
+BlockInputs = Sequence[Load | float]  # what inputs are given as; a block holds them as expressions
 Numbers = Sequence[float]
 
 _VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS
@@ -31,7 +31,7 @@ _MOST_SAMPLES = 1e7
 class AnyBlock(Named):
     """What all blocks have: a name, inputs, and states at the start."""
 
-    inputs: Inputs
+    inputs: BlockInputs
     states: Numbers | None
 
     @property
@@ -142,10 +142,10 @@ class Block(AnyBlock):
 
     name: str
     _: KW_ONLY
-    inputs: Inputs = ()
+    inputs: BlockInputs = ()
     states: Numbers = ()
-    derivative: Function | None = None
-    output: Function | None = None
+    derivative: BlockFunction | None = None
+    output: BlockFunction | None = None
     outputs: int | None = None
 
     def __post_init__(self) -> None:
@@ -196,7 +196,7 @@ class StateSpace(AnyBlock):
     C: Any = None
     D: Any = None
     _: KW_ONLY
-    inputs: Inputs = ()
+    inputs: BlockInputs = ()
     states: Numbers | None = None
     limits: Sequence[tuple[float, float]] | None = None
 
@@ -340,10 +340,10 @@ class Sampled(AnyBlock):
     name: str
     _: KW_ONLY
     period: float
-    inputs: Inputs = ()
+    inputs: BlockInputs = ()
     states: Numbers = ()
-    update: Function | None = None
-    output: Function
+    update: BlockFunction | None = None
+    output: BlockFunction
     outputs: int | None = None
     first: float | None = None
     held: Numbers = ()

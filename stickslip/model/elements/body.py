@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Motion, Moving
+from stickslip.model.elements.base import MotionKind, Moving
 from stickslip.model.elements.book import Book
 
 _LEAST = 1e-300  # smaller numbers have no inverse
@@ -36,7 +36,7 @@ class Body(Moving):
     inertia: float
     velocity: float = 0.0
     position: float = 0.0
-    motion: Motion | None = None
+    motion: MotionKind | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

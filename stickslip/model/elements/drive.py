@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Motion, Moving
+from stickslip.model.elements.base import MotionKind, Moving
 from stickslip.model.elements.book import Book
 from stickslip.model.signals import Signal, as_signal
 
@@ -34,7 +34,7 @@ class Drive(Moving):
     _: KW_ONLY
     velocity: Signal | float
     position: float = 0.0
-    motion: Motion | None = None
+    motion: MotionKind | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -78,9 +78,9 @@ def check_constant(system: System) -> None:
     # sines and functions have a period; what is left are straight lines, which end
     is_straight = math.isinf(system.loads(0.0, 1.0).period)
     loads = system.loads(0.0, math.inf if is_straight else 1.0)
-    stretches = [loads.after(t) for t in (0.0, *loads.breaks)]
+    segments = [loads.after(t) for t in (0.0, *loads.breaks)]
     if not is_straight or any(
-        not one.is_steady or np.any(one.value != stretches[0].value) for one in stretches
+        not one.is_steady or np.any(one.value != segments[0].value) for one in segments
     ):
         raise ValueError(
             "limit_cycle: the loads change with time; give their period, period=... (it is found only where loads are "

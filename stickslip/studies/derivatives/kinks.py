@@ -104,7 +104,7 @@ def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterato
     t = piece.t + taus[0]
     for k, near_ones in enumerate(nearby.near_ones):
         for j in rows.tolist():
-            if any(nearby.stretch_after(piece.t, own).at(t)[j] for _, _, own in near_ones):
+            if any(nearby.segment_after(piece.t, own).at(t)[j] for _, _, own in near_ones):
                 name = system.rows[j].name
                 yield k, f"the normal force of {name!r} is 0, and near by it is not, but to one side only"
                 break
@@ -173,8 +173,8 @@ def beyond_break(
     path = piece.kept_path
     if not np.any((following.modes != piece.modes) & (piece.modes == 0) & nearby.system.is_friction):
         return
-    stretch = nearby.motion_of(number + 1).stretch
-    held = Motion(motion.equations, stretch, following.t, path.last, piece.since)
+    segment = nearby.motion_of(number + 1).segment
+    held = Motion(motion.equations, segment, following.t, path.last, piece.since)
     y = held.exact(0.0, path.last)
     moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
     for k, label in _off_levels(nearby, piece, held, moved, since, times):

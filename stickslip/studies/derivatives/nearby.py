@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.algebra.matrices import dense
-from stickslip.equations.loads.loads import Loads, Stretch
+from stickslip.equations.loads.loads import Loads, Segment
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
@@ -20,7 +20,7 @@ from stickslip.studies.derivatives.steep import least_change
 from stickslip.studies.derivatives.varied import VariedPiece
 
 # Of a motion, local times (k,) and states (size, k); its last axis is time.
-Quantity = Callable[[Motion, Array, Array], Array]
+OfMotion = Callable[[Motion, Array, Array], Array]
 
 REST = 1e-11  # part of the speeds of a motion below which a velocity is 0
 
@@ -73,8 +73,8 @@ class Nearby:
         # speed within which friction forces bend
         self.bend = min([*(one for one in speeds if one is not None), finest])
 
-    def stretch_after(self, t: float, loads: Loads) -> Stretch:
-        """Return the stretch of loads near by that has the number of the nominal one after `t`."""
+    def segment_after(self, t: float, loads: Loads) -> Segment:
+        """Return the segment of loads near by that has the number of the nominal one after `t`."""
         number = bisect_right(self.trajectory.loads.breaks, t)
         span = self.trajectory.span
         ends = [span.start, *loads.breaks, span.stop]
@@ -109,9 +109,9 @@ class Nearby:
         found = []
         for weight, system, loads in self.near_ones[k]:
             equations = equations_in(motion.equations.modes, system, motion.equations.regions)
-            stretch = self.stretch_after(motion.t, loads)
-            stretch.table_regions = motion.table_regions
-            found.append((weight, Motion(equations, stretch, motion.t, motion.y, motion.since)))
+            segment = self.segment_after(motion.t, loads)
+            segment.table_regions = motion.table_regions
+            found.append((weight, Motion(equations, segment, motion.t, motion.y, motion.since)))
         return found
 
     def along(
@@ -133,13 +133,13 @@ class Nearby:
             h = _FINE / part
             for offset, weight in CENTRAL:
                 ages = motion.since + offset * h * since
-                moved = Motion(motion.equations, motion.stretch, motion.t, motion.y, ages)
+                moved = Motion(motion.equations, motion.segment, motion.t, motion.y, ages)
                 found.append((weight / h, moved, y))
         return found
 
     def slopes(
         self,
-        quantity: Quantity,
+        quantity: OfMotion,
         motion: Motion,
         since: Array,
         taus: Array,
@@ -200,7 +200,7 @@ class Nearby:
 
     def slopes_at(
         self,
-        quantity: Quantity,
+        quantity: OfMotion,
         motion: Motion,
         since: Array,
         tau: float,
@@ -213,7 +213,7 @@ class Nearby:
         return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
 
     def falls(
-        self, quantity: Quantity, motion: Motion, tau: float, y: Array, straight: Mask | None = None
+        self, quantity: OfMotion, motion: Motion, tau: float, y: Array, straight: Mask | None = None
     ) -> Array:
         """Return the slopes of a quantity along a motion from a state; `straight` are lines linear in the state."""
         rate = motion.rate(tau, y)
@@ -249,7 +249,7 @@ class Nearby:
                 found[:, k] += by_y @ y + by_q @ q[: self.system.inputs]
         return np.asarray(found)
 
-    def slopes_along(self, quantity: Quantity, number: int, varied: VariedPiece, taus: Array) -> Array:
+    def slopes_along(self, quantity: OfMotion, number: int, varied: VariedPiece, taus: Array) -> Array:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
         motion = self.motion_of(number)
         y = motion.exact(taus, self.trajectory.pieces[number].kept_path.at(taus).T)

@@ -30,7 +30,7 @@ from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.derivatives import kinks
 from stickslip.studies.derivatives.directions import Direction
-from stickslip.studies.derivatives.nearby import REST, Nearby, Quantity, total
+from stickslip.studies.derivatives.nearby import REST, Nearby, OfMotion, total
 from stickslip.studies.derivatives.varied import VariedImpact, VariedPiece
 from stickslip.studies.derivatives.varied_corners import corner_times
 from stickslip.studies.derivatives.varied_flow import flow
@@ -156,7 +156,7 @@ class Variation(Nearby):
         S[self._straight(piece)] = 0.0
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
         motion = self.motion_of(0)
-        q = motion.stretch.at(t)
+        q = motion.segment.at(t)
         u = system.drive_velocities(q)
         none = np.zeros_like(u)
         sides = at_stops_at_start(system, y, q, t)
@@ -185,7 +185,7 @@ class Variation(Nearby):
         """
         parts = []
         for weight, near, loads in self.near_ones[k]:
-            u, now = (near.drive_velocities(self.stretch_after(start, loads).at(t)) for start in (before, t))
+            u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
             parts.append(weight * near.balance(held).project(impact.near(near, u, now), now))
         return total(parts)
 
@@ -231,7 +231,7 @@ class Variation(Nearby):
         after = self.motion_of(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
         held = (following.modes == 0) & system.hard
-        q = after.stretch.at(following.t)
+        q = after.segment.at(following.t)
         u, rates = system.drive_velocities(q), system.drive_accelerations(q)
         balance = system.balance(held)
         impact = self._impact(number, motion)
@@ -262,8 +262,8 @@ class Variation(Nearby):
         """Return how the velocities jump between a motion and the next one."""
         system, piece = self.system, self.trajectory.pieces[number]
         path, t = piece.kept_path, self.trajectory.pieces[number + 1].t
-        stretch = self.motion_of(number + 1).stretch
-        loads = [motion.stretch.at(motion.t + float(path.taus[-1])), stretch.at(t)]
+        segment = self.motion_of(number + 1).segment
+        loads = [motion.segment.at(motion.t + float(path.taus[-1])), segment.at(t)]
         u, pace = [system.drive_velocities(q) for q in loads], system.drive_accelerations(loads[1])
         speed = np.abs(u[1]).max(initial=0.0) + self.state_sizes[0]
         crossed: Indices | tuple[()] = ()
@@ -283,7 +283,7 @@ class Variation(Nearby):
         """Return S at any times, (size, k, directions), right limits at events."""
         return self._read(times, lambda number, taus: self.pieces[number].at(taus))
 
-    def quantity(self, quantity: Quantity, times: Array) -> Array:
+    def quantity(self, quantity: OfMotion, times: Array) -> Array:
         """Return the derivatives of a quantity at any times, directions last."""
         return self._read(
             times, lambda number, taus: self.slopes_along(quantity, number, self.pieces[number], taus)

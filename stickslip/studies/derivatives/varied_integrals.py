@@ -6,14 +6,14 @@ import numpy as np
 
 from stickslip.equations.path import gauss_nodes
 from stickslip.model.arrays import Array
-from stickslip.studies.derivatives.nearby import Quantity
+from stickslip.studies.derivatives.nearby import OfMotion
 from stickslip.studies.derivatives.variations import Variation
 
 # Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved.
 _QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
 
 
-def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
+def integral(variation: Variation, quantity: OfMotion, times: Array) -> Array:
     """Return the derivatives of time integrals from the start to times in order, (lines, k, directions).
 
     ``d/dp int f dt = int df/dp dt + sum (f- - f+) dt_event/dp``; the quantity has a line for each integral.
@@ -53,7 +53,7 @@ def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def _sums(variation: Variation, quantity: Quantity, number: int, edges: Array) -> Array:
+def _sums(variation: Variation, quantity: OfMotion, number: int, edges: Array) -> Array:
     """Return the integrals of the derivatives of a quantity from the start of a piece to some local times."""
     piece, varied = variation.trajectory.pieces[number], variation.pieces[number]
     nodes, weights = gauss_nodes(varied.coefficients.shape[1])

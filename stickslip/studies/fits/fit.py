@@ -16,7 +16,7 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.studies.fits.fitted import Fit
 from stickslip.studies.fits.measurements import Measured, measured_in, weights_of
-from stickslip.studies.fits.residuals import REFUSED, Problem, Run
+from stickslip.studies.fits.residuals import REFUSED, Problem, RecordRun
 from stickslip.studies.parameters import Parameter, named_parameters
 
 _OF_ONE = re.compile(r"(records\[\d+\])\.(.*)")  # the name of a parameter of a single record
@@ -80,7 +80,7 @@ def fit(
         names,
         (low, high),
         [
-            Run(label, one, own, record, weight, options)
+            RecordRun(label, one, own, record, weight, options)
             for label, one, own, record, weight in zip(
                 labels, scenes, named, measured, weights_of(measured), strict=True
             )

@@ -25,7 +25,7 @@ _NOTHING = 1e-150  # derivative that tells nothing: its square is 0
 _AT_BOUND = 1e-6
 
 
-class Run:
+class RecordRun:
     """Weighted residuals of one record and their derivatives; parameters by their places among all."""
 
     def __init__(
@@ -111,7 +111,7 @@ class Problem:
     """Weighted residuals of all records and their derivatives, and the bounds of the parameters."""
 
     def __init__(
-        self, names: list[str], bounds: tuple[Array, Array], runs: list[Run], has_sigma: bool
+        self, names: list[str], bounds: tuple[Array, Array], runs: list[RecordRun], has_sigma: bool
     ) -> None:
         self._names, self.bounds, self._runs, self._has_sigma = names, bounds, runs, has_sigma
 
