@@ -101,7 +101,7 @@ class Shot:
         aged = self.coordinates.aged
         last = self.result.trajectory.pieces[-1]
         end = variation.pieces[-1].at(np.array([last.end]))[:, 0]
-        found = np.concatenate([self.coordinates.of(end), -variation.pieces[-1].since[aged]])
+        found = np.concatenate([self.coordinates.of(end), -variation.pieces[-1].since_change[aged]])
         if np.isnan(found).any():
             t, _, why = variation.reasons[0] if variation.reasons else (0.0, 0, "unknown")
             raise CycleError(f"the map over one period has no derivative: at t = {t:.9g} s {why}")
@@ -190,7 +190,7 @@ class Shot:
             variation = Variation(self.result, [direction])
             begin = variation.pieces[0].at(np.zeros(1))[:, 0]
             aged = self.coordinates.aged
-            before = np.concatenate([self.coordinates.of(begin), -variation.pieces[0].since[aged]])
+            before = np.concatenate([self.coordinates.of(begin), -variation.pieces[0].since_change[aged]])
             found = (self._after(variation) - before)[:, 0], begin[:, 0]
             self._by_parameter[parameter.name] = found
         return self._by_parameter[parameter.name]

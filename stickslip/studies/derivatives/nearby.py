@@ -253,7 +253,7 @@ class Nearby:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
         motion = self.motion_of(number)
         y = motion.exact(taus, self.trajectory.pieces[number].kept_path.at(taus).T)
-        return self.slopes(quantity, motion, varied.since, taus, y, varied.at(taus))
+        return self.slopes(quantity, motion, varied.since_change, taus, y, varied.at(taus))
 
     def at_rest(self, motion: Motion) -> Mask:
         """Return the rows whose relative velocity is 0 at the start of a motion."""

@@ -216,7 +216,7 @@ def _event_changes(variation: Variation) -> Array:
     """Return the derivatives of the times of the events of a result, one line each."""
     found = np.full((len(variation.result.events), variation.count), np.nan)
     pieces = variation.trajectory.pieces[:-1]
-    changes = {piece.stop: varied.end for piece, varied in zip(pieces, variation.pieces, strict=False)}
+    changes = {piece.stop: varied.end_change for piece, varied in zip(pieces, variation.pieces, strict=False)}
     # what happens at the start does so at the start
     begun = np.isfinite(variation.pieces[0].at(np.zeros(1))[:, 0]).all(axis=0)
     changes[variation.trajectory.span.start] = np.where(begun, 0.0, np.nan)

@@ -145,7 +145,7 @@ class Variation(Nearby):
         self._refuse(self.trajectory.span.start, [(k, why)])
         for varied in self.pieces:
             varied.until[k] = 0.0
-            varied.end[k] = np.nan
+            varied.end_change[k] = np.nan
 
     def _begin(self) -> tuple[Array, Array]:
         """Return the variations at the start, held velocities made equal."""
@@ -208,11 +208,11 @@ class Variation(Nearby):
         closes = bool(changes.any() and (piece.modes[changes] == OPEN).all())
         if path.hit:
             guards = VariedGuards(self, piece, motion)
-            times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin)
+            times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin_change)
             self._refuse(piece.stop, reasons.items())
         elif piece.end == 0 and (number or closes):
             # what the event before brings about, in its instant: a gap that touches presses a contact
-            times = self.pieces[number].begin.copy()
+            times = self.pieces[number].begin_change.copy()
         elif closes and (found := corner_times(self, number, motion, S, since)) is not None:
             # a normal force that has been 0 rises from the corner of a table
             times, reasons = found

@@ -21,10 +21,10 @@ class VariedPiece:
     taus: Array  # (k + 1,): ends of the steps in s since the start of the motion
     # (k, order + 1, size, directions): in a step ``S = sum_j coefficients[j] s^j`` with s from 0 to 1
     coefficients: Array = field(repr=False)
-    since: Array = field(repr=False)  # (m, directions): how the times change at which rows became held
-    # (directions,): how the times change at which the motion begins and ends
-    begin: Array
-    end: Array
+    since_change: Array = field(repr=False)  # (m, directions): of the times at which rows became held
+    # (directions,): of the times at which the motion begins and ends
+    begin_change: Array
+    end_change: Array
     until: Array  # (directions,): local times in s up to which the variations exist
 
     def at(self, taus: Array) -> Array:

@@ -47,9 +47,9 @@ def integral(variation: Variation, quantity: OfMotion, times: Array) -> Array:
             # a line that hardly changes is roundoff of those that do, and of the quantity itself
             if not np.any(off > _QUADRATURE * size + rough):
                 break
-        sums += total - limits[:, :1] * varied.begin
+        sums += total - limits[:, :1] * varied.begin_change
         parts.append(sums[:, np.searchsorted(edges, wanted)])
-        total = sums[:, -1:] + limits[:, 1:] * varied.end
+        total = sums[:, -1:] + limits[:, 1:] * varied.end_change
     return np.concatenate(parts, axis=1)
 
 
