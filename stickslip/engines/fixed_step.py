@@ -165,38 +165,22 @@ class _Rates:
     """The rates at times known beforehand: inputs are evaluated for all of them at once."""
 
     def __init__(self, motion: Motion, taus: Array) -> None:
-        equations, size = motion.equations, motion.y.size
-        self._motion, self._equations, self._size, self._taus = motion, equations, size, taus
-        self._has_law = motion.has_law
-        self._in_floats = motion.in_floats if self._has_law or motion.dependence is not None else None
-        if motion.dependence is not None or self._in_floats is not None:
-            return
-        q = motion.inputs(taus, motion.y)
-        self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
-        if self._has_law:
-            rest = np.zeros((size, taus.size))
-            w, normal, lag, _ = motion.law_arguments(taus, rest, q)
-            self._w, self._normal, self._lag = (list(np.ascontiguousarray(x.T)) for x in (w, normal, lag))
-            self._rows = motion.system.G[equations.velocity_dependent]
+        self._motion, self._taus, self._inputs = motion, taus, None
+        depends = motion.has_law or motion.dependence is not None
+        self._in_floats = motion.in_floats if depends else None
+        if not depends:
+            responses = motion.equations.respond(motion.inputs(taus, motion.y))[: motion.y.size]
+            self._inputs = list(np.ascontiguousarray(responses.T))
 
     def __call__(self, stage: int, y: Array) -> Array:
         """Return the rates at the time of a stage."""
-        equations, size = self._equations, self._size
-        if self._in_floats is not None:
-            found = np.empty(size)
-            self._in_floats(float(self._taus[stage]), y, found)
-            return found
-        if self._motion.dependence is not None:
+        if self._inputs is not None:
+            return np.asarray(self._motion.equations.apply(y)[: y.size] + self._inputs[stage])
+        if self._in_floats is None:
             return self._motion.rate(float(self._taus[stage]), y)
-        rate = equations.apply(y)[:size] + self._inputs[stage]
-        if self._has_law:
-            law, places = equations.law, equations.bristle_places
-            w = self._rows @ y[: self._motion.system.n] + self._w[stage]
-            normal, z = self._normal[stage], y[places]
-            rate += equations.push(law.forces(w, normal, self._lag[stage], z))[:size]
-            if places.size:
-                rate[places] = law.bristle_rates(w, normal, z)
-        return np.asarray(rate)
+        found = np.empty(y.size)
+        self._in_floats(float(self._taus[stage]), y, found)
+        return found
 
 
 def _euler(rate: _Rates, stage: int, y: Array, h: float) -> Array:

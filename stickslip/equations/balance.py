@@ -308,20 +308,9 @@ class _Component:
         scale[scale == 0] = 1.0
         work = np.concatenate([G, D, np.eye(h)], axis=1)
         work /= scale[:, None]
-        order, entries = np.argsort(inertia, kind="stable"), work[:, :n] != 0
+        order = np.argsort(inertia, kind="stable")
         pivots: list[int] = []
-        first = (np.count_nonzero(entries, axis=1) == 1).nonzero()[0]
-        if first.size:
-            # rows that are the only ones on their only body are no equations to solve
-            bodies = entries[first].argmax(axis=1)
-            of = work[first, bodies]
-            alone = (np.count_nonzero(entries, axis=0)[bodies] == 1) & (np.abs(of) > _ZERO)
-            first, bodies, of = first[alone], bodies[alone], of[alone]
-            work[first] /= of[:, None]
-            work = np.concatenate([work[first], np.delete(work, first, axis=0)])
-            order = order[(work[first.size :, :n] != 0).any(axis=0)[order]]
-            pivots = bodies.tolist()
-        done = len(pivots)
+        done = 0
         for column in order.tolist():
             if done == h:
                 break

@@ -24,7 +24,7 @@ from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads.loads import TableRegions, Waves
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_small
+from stickslip.equations.taylor import ORDER, TaylorMap, is_small
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
@@ -493,20 +493,6 @@ class ModeEquations:
 
         Their roundoff is a part of it.
         """
-        size = self.system.size
-        found = self._magnitudes(y, q) if self._sizes is None else self._sizes @ np.concatenate([y, q])
-        return found[:size], found[size:]
-
-    @cached_property
-    def _sizes(self) -> Array | None:
-        """The map of `magnitudes` from states and inputs together, of a small scene."""
-        columns = self.system.size + self.system.inputs_and_dwells
-        if not is_quickly_made(self.system, columns, self.system.size + self.watched_count):
-            return None
-        units = np.eye(columns)
-        return self._magnitudes(units[: self.system.size], units[self.system.size :])
-
-    def _magnitudes(self, y: Array, q: Array) -> Array:
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
         largest = system.largest_coefficient if q.ndim == 1 else system.largest_coefficient[:, None]
@@ -529,7 +515,7 @@ class ModeEquations:
             z[first : first + self.at_level.size] = abs(self.shares) @ (forces + inertia * rate[:n])
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
-        return found
+        return rate, z
 
     @cached_property
     def laws_in_floats(self) -> list[Callable[..., Any]] | None:

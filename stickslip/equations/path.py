@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -48,6 +47,11 @@ class Path:
     def _at_start(coefficients: Array) -> Array:
         return np.asarray(coefficients[:, 0::2].sum(axis=1) - coefficients[:, 1::2].sum(axis=1))
 
+    def state(self, tau: float) -> Array:
+        """Return the state at one local time."""
+        found: Array = self.at(np.array([tau]))[0]
+        return found
+
     def at(self, taus: Array) -> Array:
         """Return the states at local times, one row each."""
         c = self.coefficients
@@ -59,18 +63,6 @@ class Path:
         found = values(c, i, s, self.is_chebyshev)
         found[taus >= self.taus[-1]] = self.last
         return found
-
-    def state(self, tau: float) -> Array:
-        """Return the state at one local time."""
-        count, order, _ = self.coefficients.shape
-        if not count or tau >= self.taus[-1]:
-            return self.last
-        i = min(max(int(self.taus.searchsorted(tau, "right")) - 1, 0), count - 1)
-        start, end = self.taus[i : i + 2].tolist()
-        s, powers = (tau - start) / (end - start), np.arange(order)
-        angle = math.acos(min(max(2 * s - 1, -1.0), 1.0))
-        weights = np.cos(powers * angle) if self.is_chebyshev else s**powers
-        return np.asarray(weights @ self.coefficients[i])
 
     @cached_property
     def largest(self) -> Array:
@@ -97,8 +89,7 @@ class Path:
             pieces[i] = from_nodes(order) @ basis @ pieces[i]
         else:
             pieces[i] *= (part ** np.arange(order + 1))[:, None]
-        last = self.at(np.array([tau]))[0]
-        return Path(np.append(self.taus[: i + 1], tau), pieces, last, False, self.is_chebyshev)
+        return Path(np.append(self.taus[: i + 1], tau), pieces, self.state(tau), False, self.is_chebyshev)
 
 
 def values(
