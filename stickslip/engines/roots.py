@@ -20,8 +20,6 @@ _LONG = 5
 # Where a polynomial touches 0 before this part of the interval, that is looked for again, with the roundoff there.
 _FAR_DOWN = 0.1
 
-_FEW = 64  # polynomials up to which it takes no longer to look at all Bernstein coefficients than at some
-
 
 @lru_cache(maxsize=64)
 def _to_bernstein(order: int) -> Array:
@@ -48,10 +46,6 @@ def may_vanish(coefficients: Array) -> tuple[Indices, Array]:
     first coefficient less the sizes of the others.
     """
     to_bernstein = _to_bernstein(coefficients.shape[0] - 1)
-    if coefficients.shape[1] <= _FEW:
-        bernstein = to_bernstein @ coefficients
-        close: Indices = (bernstein.min(axis=0) <= 0).nonzero()[0]
-        return close, bernstein[:, close]
     reach = np.abs(coefficients[1:]).sum(axis=0)
     close = (coefficients[0] <= reach).nonzero()[0]
     bernstein = to_bernstein @ coefficients[:, close]

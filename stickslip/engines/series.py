@@ -66,7 +66,7 @@ class Series:
         size = motion.y.size
         ends = [0.0]
         pieces: list[Array] = []
-        tau, y, hit, touched, watched = 0.0, motion.y, False, None, None
+        tau, y, hit, touched = 0.0, motion.y, False, None
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
@@ -86,8 +86,6 @@ class Series:
             before, y = y, motion.exact(tau, end[:size])
             if not np.abs(y).max(initial=0.0) < BEYOND:
                 raise grows(Path(np.array(ends), _padded(pieces, size), before, False))
-            if hit and not step.frozen and end.size > size + motion.equations.watched_count:
-                watched = end[size:]
             self.work.steps += 1
             if len(c) == ORDER + 1 and motion.segment.is_straight and not np.count_nonzero(c[-1]):
                 # a motion that is a short polynomial is kept as one
@@ -97,7 +95,7 @@ class Series:
             if motion.has_left(tau, y) or len(pieces) == _AT_ONCE:
                 # nobody need keep a long motion whole: it goes on from here
                 break
-        path = Path(np.array(ends), _padded(pieces, size), y, hit, touched=touched, watched=watched)
+        path = Path(np.array(ends), _padded(pieces, size), y, hit, touched=touched)
         if len(pieces) == _AT_ONCE and tau * _AT_MOST < _AT_ONCE * horizon:
             raise SolverFailure(
                 f"the last {_AT_ONCE} steps took {tau:.3g} s of {horizon:.3g} s: the end is out of reach",

@@ -36,7 +36,6 @@ class Inputs:
         self.is_straight, self.rises_push = segment.is_straight, equations.rises_push
         self._rising = self._rising_rows = _NO_ROWS
         self._over = -math.inf
-        self._x: Array | None = None
         self._age = self._rate = _NO_NUMBERS
         if equations.resting_dwells.size:
             self._place_rising()
@@ -311,7 +310,7 @@ class Inputs:
         If `of_time`, dwells that begin there are left out.
         """
         segment, size = self.segment, self.system.size
-        found = np.abs(self._extended(0.0, self.y) if self._x is None else self._x)
+        found = np.abs(self._extended(0.0, self.y))
         if not segment.is_steady:
             value = np.abs((self.t - segment.start) * segment.slope)
             value += np.abs(segment.value)
@@ -337,8 +336,11 @@ class Inputs:
 
     # -- what adds up --------------------------------------------------------------------------------------
 
-    def _input_magnitudes(self, order: int) -> Array:
-        """Return what adds up in inputs and dwells at the start, an order per row, without feedback."""
+    def _input_magnitudes(self, order: int, of_time: bool = False) -> Array:
+        """Return what adds up in inputs and dwells at the start, an order per row, without feedback.
+
+        If `of_time`, dwells that begin there are left out.
+        """
         parts = self.segment.magnitudes(self.t, order)
         if not self.system.dwelling.size:
             return parts
@@ -351,6 +353,8 @@ class Inputs:
             rises = np.zeros(normals.shape)
             for k in range(order + 1 if self.segment.has_waves else 2):
                 rises[k:] += decay[: order + 1 - k] * normals[k]
+            if of_time:
+                rises[:, self._age == 0] = 0.0
             found[:, inputs + self._rising] = rises
         return found
 

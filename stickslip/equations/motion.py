@@ -87,7 +87,6 @@ class Motion(Inputs):
         )
         self.is_linear = not (self.has_law or self.has_functions)
         self.is_polynomial = self.is_linear and self.dependence is None and not equations.feeds_back
-        self._at_start: tuple[TaylorMap, Array] | None = None
         if self.is_linear and equations.is_small:
             self.first = self.start = self.expand(0.0, y, 2)
 
@@ -308,7 +307,7 @@ class Motion(Inputs):
 
         `hit` and `touched` say why it ends there.
         """
-        cut = path.cut(tau) if tau > 0 else path.until(0)
+        cut = path.cut(tau)
         last = self.exact(tau, cut.last)
         self.hold_samples(last)
         return Path(cut.taus, cut.coefficients, last, hit, cut.is_chebyshev, touched)
@@ -447,24 +446,20 @@ class Motion(Inputs):
         return Expansion.of(whole, size, equations.watched_count, q)
 
     def _derivatives(self, taylor: TaylorMap, tau: float, y: Array, swings: bool) -> Array:
-        """Return from what all Taylor coefficients follow at local time `tau`; those at the start are kept."""
-        at_start = tau == 0 and y is self.y
-        if at_start and self._at_start is not None and self._at_start[0] is taylor:
-            return self._at_start[1]
+        """Return from what all Taylor coefficients follow at local time `tau`."""
         x = self._extended(tau, y)
-        found = taylor.derivatives(np.concatenate([x, self.segment.swings(self.t + tau)]) if swings else x)
-        if at_start:
-            self._at_start, self._x = (taylor, found), x
-        return found
+        return taylor.derivatives(np.concatenate([x, self.segment.swings(self.t + tau)]) if swings else x)
 
-    def magnitudes(self, order: int, from_rates: bool = False) -> list[tuple[Array, Array]]:
+    def magnitudes(
+        self, order: int, from_rates: bool = False, of_time: bool = False
+    ) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
 
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled, or, if
-        `from_rates`, with nothing cancelled but in the rates.
+        `from_rates`, with nothing cancelled but in the rates; if `of_time`, without dwells that begin there.
         """
         y, found = np.abs(self.y), []
-        for k, q in enumerate(self._input_magnitudes(order)):
+        for k, q in enumerate(self._input_magnitudes(order, of_time)):
             if k == 1 and from_rates:
                 y = np.abs(self.first.y[1])
             if self.dependence is not None:
@@ -484,7 +479,7 @@ class Motion(Inputs):
         if not (self.dependence is not None or self.segment.has_functions or self._rises_with_waves):
             sizes = rows.sizes(order, self.segment.waves)
         if sizes is None:
-            return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order)])
+            return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order, of_time=of_time)])
         found: Array = (sizes @ self.adding_up(of_time)).reshape(order + 1, -1)
         return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -27,8 +27,6 @@ class Path:
     hit: bool  # whether a guard came to 0 at the end
     is_chebyshev: bool = False  # whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not
     touched: int | None = None  # the row whose relative velocity touches 0 at the end, None for none
-    # what is watched at the end, and guards but for constants, where an engine knows them
-    watched: Array | None = None
 
     @property
     def has_event(self) -> bool:
@@ -71,15 +69,10 @@ class Path:
             return np.abs(self.last)
         return np.asarray(np.abs(self.coefficients).sum(axis=1).max(axis=0))
 
-    def until(self, count: int) -> Path:
-        """Return the first `count` steps."""
-        if count >= self.coefficients.shape[0]:
-            return replace(self, hit=False, touched=None, watched=None)
-        last = self.points[count]
-        return Path(self.taus[: count + 1], self.coefficients[:count], last, False, self.is_chebyshev)
-
     def cut(self, tau: float) -> Path:
         """Return the path up to local time `tau`, within it."""
+        if tau <= 0:
+            return Path(self.taus[:1], self.coefficients[:0], self.points[0], False, self.is_chebyshev)
         i = min(max(int(self.taus.searchsorted(tau)) - 1, 0), self.coefficients.shape[0] - 1)
         pieces = self.coefficients[: i + 1].copy()
         part = (tau - self.taus[i]) / (self.taus[i + 1] - self.taus[i])

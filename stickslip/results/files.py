@@ -27,7 +27,7 @@ from stickslip.results.samples import Samples
 from stickslip.results.tables import how_it_ended
 from stickslip.results.trajectory import Piece, Pieces, Trajectory
 
-_FORMAT = 6
+_FORMAT = 7
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
 

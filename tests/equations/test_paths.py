@@ -76,18 +76,12 @@ def test_a_path_without_steps_stands_still(is_chebyshev: bool) -> None:
 
 
 @both
-def test_the_first_steps(is_chebyshev: bool) -> None:
+def test_a_path_that_is_cut_at_its_start_has_no_steps(is_chebyshev: bool) -> None:
     path = made(is_chebyshev)
-    first = path.until(2)
-    np.testing.assert_array_equal(first.taus, TAUS[:3])
-    np.testing.assert_array_equal(first.last, path.points[2])
-    taus = np.linspace(0.0, 0.74, 9)
-    np.testing.assert_array_equal(first.at(taus), path.at(taus))
-    assert not first.hit
-    whole = path.until(3)
-    np.testing.assert_array_equal(whole.coefficients, path.coefficients)
-    np.testing.assert_array_equal(whole.last, path.last)
-    assert not whole.hit
+    first = path.cut(0.0)
+    np.testing.assert_array_equal(first.taus, TAUS[:1])
+    assert first.coefficients.shape[0] == 0 and not first.hit
+    np.testing.assert_array_equal(first.last, path.points[0])
 
 
 @both

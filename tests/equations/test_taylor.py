@@ -30,13 +30,13 @@ from stickslip.equations.system import System
 DRY = DryFriction(0.3, 0.2, dwell=0.4)
 
 
-def motion_of(scene: Scene, modes: list[int], t: float = 0.3) -> tuple[Motion, Guards]:
+def motion_of(scene: Scene, modes: list[int], t: float = 0.3, since: float = 0.1) -> tuple[Motion, Guards]:
     system = System(scene)
     y = np.linspace(0.5, 1.5, system.size)
     equations = equations_in(np.array(modes, dtype=np.int8), system)
     loads = system.loads(0.0, 2.0)
     equations.consistent(y, system.drive_velocities(loads.after(t).at(t)))
-    motion = Motion(equations, loads.after(t), t, y, np.full(system.m, 0.1))
+    motion = Motion(equations, loads.after(t), t, y, np.full(system.m, since))
     none = np.zeros(system.m, dtype=bool)
     return motion, Guards(motion, np.array(modes, dtype=np.int8), none, none)
 
@@ -103,6 +103,20 @@ def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(
     # nothing is larger than what adds up in it
     series = guards.series(motion.expand(0.0, motion.y, 5))
     assert (np.abs(series) <= found * (1 + 1e-12) + 1e-300).all()
+
+
+@pytest.mark.parametrize("made", [pulled, swung])
+@pytest.mark.parametrize("modes", [[0, 1], [1, 0], [0, 0]])
+def test_a_dwell_that_begins_just_now_adds_nothing_in_time(
+    made: Callable[[], Scene], modes: list[int]
+) -> None:
+    """Its age is exact, in the product of small scenes as in the recursion of large ones."""
+    motion, guards = motion_of(made(), modes, since=0.3)
+    found = motion.guard_magnitudes(guards.rows, 3, of_time=True)
+    sizes = motion.magnitudes(3, of_time=True)
+    np.testing.assert_allclose(found, [guards.rows.majorants(z, q) for q, z in sizes], rtol=1e-12)
+    if motion.begins_to_rise:
+        assert (found < motion.guard_magnitudes(guards.rows, 3)).any()
 
 
 def test_an_oscillator_has_the_series_of_the_cosine() -> None:

@@ -12,11 +12,9 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
-    Drive,
     DryFriction,
     Force,
     Scene,
-    Spring,
     Stop,
     piecewise_linear,
     simulate,
@@ -70,35 +68,6 @@ def test_the_only_row_near_0_is_alone_there_once_it_has_passed_it(
     _, guards, path = ending(0.5, -beyond, 0.3)
     assert alone_at_limit(guards, path) == alone
     assert alone_at_limit(guards, replace(path, hit=False)) is None
-
-
-def test_guards_at_the_end_of_a_series_are_those_of_the_state_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The series hands them over; a dwell, a spring, a drive, an open contact that shows a mode, and a stop."""
-    scene = Scene(
-        Drive("belt", velocity=0.5),
-        Body("a", inertia=1.0),
-        Body("b", inertia=2.0, velocity=0.5),
-        Contact("lower", "a", "belt", DryFriction(0.9, 0.3, dwell=0.4), normal=3.0),
-        Contact("upper", "b", "a", DryFriction(0.5, 0.2), normal=piecewise_linear([0, 1, 3], [-1, -1, 1])),
-        Stop("wall", "b", GROUND, upper=0.5, restitution=0.5),
-        Spring("a", GROUND, stiffness=10.0, damping=0.1),
-        Spring("b", GROUND, stiffness=6.0, rest=0.2),
-    )
-    seen = 0
-    at_end = Guards.at_end
-
-    def both(guards: Guards, path: Path) -> Any:
-        nonlocal seen
-        found = at_end(guards, path)
-        if path.watched is not None:
-            seen += 1
-            for ours, direct in zip(found, at_end(guards, replace(path, watched=None)), strict=True):
-                np.testing.assert_allclose(ours, direct, rtol=1e-9, atol=1e-12)
-        return found
-
-    monkeypatch.setattr(Guards, "at_end", both)
-    simulate(scene, (0.0, 9.0))
-    assert seen >= 7
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])

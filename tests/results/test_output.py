@@ -321,7 +321,8 @@ def test_a_damaged_file_is_refused(tmp_path, wheels, damage):
     np.save(other, np.zeros(3))
     data = path.read_bytes()
     wrong = bytearray(data)
-    wrong[len(data) // 2] ^= 255
+    # within an array: bytes of the archive's own that say nothing, such as dates, are not looked at
+    wrong[data.index(b"y.npy") + 200] ^= 255
     kinds = {
         "half of it": data[: len(data) // 2],
         "a wrong byte": bytes(wrong),

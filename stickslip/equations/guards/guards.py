@@ -38,14 +38,9 @@ class Guards(GuardsAtStart):
         """
         motion, rows, tau = self.motion, self.rows, float(path.taus[-1])
         system, y = motion.system, path.last
-        if path.watched is None:
-            q = motion.inputs(tau, y)
-            z = motion.watched(tau, y, q)
-            g = self.raw(z, q)
-        else:
-            count = motion.equations.watched_count
-            z, g = path.watched[:count], path.watched[count:]
-            g = self.completed(g, z) + self._constant
+        q = motion.inputs(tau, y)
+        z = motion.watched(tau, y, q)
+        g = self.raw(z, q)
         force = rows.turn * z[rows.source]
         size = np.abs(force) + np.abs(g - force)
         some = rows.velocities
@@ -59,7 +54,7 @@ class Guards(GuardsAtStart):
             size[self.is_border] = 0.0
         if rows.has_normals and system.dependence is not None:
             # what a normal force follows may be 0 where it starts, and again where it ends
-            pressed = system.dependence.normal_sizes(np.abs(motion.inputs(tau, y)), path.largest)
+            pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
             size[self.is_normal] = pressed[self.row[self.is_normal]]
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         g = self._divided(g, tau)
