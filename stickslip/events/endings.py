@@ -60,7 +60,7 @@ def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
     i = int(near.argmax())
     if uncertain is not None and i in guards.passing and not _has_passed(values[i], guards.leeway[i]):
         return None
-    return guards.of_friction(i)
+    return guards.row_and_direction(i)
 
 
 def _at_end(guards: Guards, path: Path) -> tuple[Array, Array]:

@@ -33,16 +33,16 @@ class Settled:
     impact: Struck | None = None  # with which the motion began; None for none
 
 
-def modes_after_break(now: Settled, segment: Segment, t: float, y: Array, largest: Array) -> Modes | None:
+def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, largest: Array) -> Modes | None:
     """Return the modes after a break of loads where no row at rest has to be asked; None where more may change.
 
     Velocities do not jump, and what slips or is open moves: a contact that is pressed from now on slips, and one that
     no longer is goes on without friction. Held rows stay held.
 
-    `now` is the motion up to `t`, `segment` the loads from there on; `largest` bounds the sizes of the states on the
+    `last` is the motion up to `t`, `segment` the loads from there on; `largest` bounds the sizes of the states on the
     way.
     """
-    motion, system = now.motion, now.motion.system
+    motion, system = last.motion, last.motion.system
     if t < motion.segment.stop or system.has_stops or system.sampled or system.dependence is not None:
         return None
     if system.drives and motion.equations.at_level.size:
@@ -53,28 +53,28 @@ def modes_after_break(now: Settled, segment: Segment, t: float, y: Array, larges
         return None
     modes, closed = motion.equations.modes, _closed(system, segment, t, q)
     changes = (modes == OPEN) == closed
-    if comes_to_rest(now, t, y, largest, q, changes):
+    if comes_to_rest(last, t, y, largest, q, changes):
         return None
     if not np.count_nonzero(changes):
         return modes
     if np.count_nonzero(changes & ~system.hard):
         return None
-    return np.where(changes, np.where(closed, now.labels, OPEN), modes).astype(np.int8)
+    return np.where(changes, np.where(closed, last.labels, OPEN), modes).astype(np.int8)
 
 
 def comes_to_rest(
-    now: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False
+    last: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False
 ) -> bool:
     """Tell whether a row that moves, or one of some others, is at rest at the end of a motion, but for roundoff.
 
     `q` are the inputs from there on.
     """
-    motion = now.motion
+    motion = last.motion
     modes = motion.equations.modes
     moves = (np.abs(modes) == 1) | (modes == OPEN) | others
     w, rough = _relative(motion.system, y, largest, t, q)
-    if now.guards.velocity_uncertainty is not None:
-        rough = np.maximum(rough, now.guards.velocity_uncertainty)
+    if last.guards.velocity_uncertainty is not None:
+        rough = np.maximum(rough, last.guards.velocity_uncertainty)
     return bool(np.count_nonzero(moves & (np.abs(w) <= rough)))
 
 
@@ -83,23 +83,23 @@ def all_pressed(system: System, segment: Segment, t: float) -> bool:
     return not segment.is_stepped or bool((_closed(system, segment, t, segment.at(t)) | system.pressed).all())
 
 
-def carried_on(now: Settled, segment: Segment, t: float, y: Array, modes: Modes) -> Settled | None:
+def carried_on(last: Settled, segment: Segment, t: float, y: Array, modes: Modes) -> Settled | None:
     """Return what goes on after a sample or a break in some modes, None where these may not hold.
 
     Rows show what they showed.
     """
-    motion = now.motion
+    motion = last.motion
     equations = equations_in(modes, motion.system, motion.equations.regions)
     following = Motion(equations, segment, t, motion.exact(t - motion.t, y), motion.since)
-    none = np.zeros(now.labels.size, dtype=bool)
-    guards = Guards(following, now.labels, none, none, now.guards.velocity_uncertainty)
+    none = np.zeros(last.labels.size, dtype=bool)
+    guards = Guards(following, last.labels, none, none, last.guards.velocity_uncertainty)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
         return None
-    return Settled(now.labels, following, guards)
+    return Settled(last.labels, following, guards)
 
 
 def with_one(
-    now: Settled,
+    last: Settled,
     t: float,
     y: Array,
     since: Array,
@@ -112,7 +112,7 @@ def with_one(
     A row that moved sticks, or where it cannot moves on as it is pushed; a held one lets go in its `direction`. All
     others keep their modes. Each row rests `since` then.
     """
-    motion, system = now.motion, now.motion.system
+    motion, system = last.motion, last.motion.system
     equations = motion.equations
     if (
         not system.all_hard
@@ -120,7 +120,7 @@ def with_one(
         or system.has_stops
         or equations.at_level.size
         # an open row whose velocity is not watched may begin to move
-        or now.guards.rows.loose < equations.open.size
+        or last.guards.rows.loose < equations.open.size
     ):
         return None
     held = equations.is_held.copy()
@@ -135,7 +135,7 @@ def with_one(
     else:
         u = system.drive_velocities(motion.segment.at(t)) if system.drives else y[:0]
         y = _project(system, y, u, held)
-    modes, labels, at_level = equations.modes.copy(), now.labels.copy(), np.zeros(system.m, dtype=bool)
+    modes, labels, at_level = equations.modes.copy(), last.labels.copy(), np.zeros(system.m, dtype=bool)
     at_level[row] = direction != 0
     while True:
         modes[row] = labels[row] = direction
@@ -225,7 +225,7 @@ def _settled(
     closed: Mask,
 ) -> Settled:
     """Return consistent modes where it is known which rows can carry a force."""
-    beyond = uncertainty.velocity_uncertainty
+    velocity_uncertainty = uncertainty.velocity_uncertainty
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
@@ -242,8 +242,10 @@ def _settled(
     # a law that does not stick has no rest but where it carries no force
     resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
-    if now.labels is not None and (beyond is not None or np.count_nonzero(closed) < closed.size):
-        named, resting = _directions(now, w, closed, resting, beyond)
+    if now.labels is not None and (
+        velocity_uncertainty is not None or np.count_nonzero(closed) < closed.size
+    ):
+        named, resting = _directions(now, w, closed, resting, velocity_uncertainty)
     candidates = closed & resting
     y = _project(system, now.y, u, candidates)
     if y is not now.y:
@@ -260,13 +262,13 @@ def _settled(
     since = now.since if now.labels is not None else np.where(rests, now.since, now.t)
     now = now._replace(y=y, since=since)
     regions = system.piecewise.at(y, q, now.regions)
-    search = Search(system, segment, now, labels, candidates, regions, beyond)
+    search = Search(system, segment, now, labels, candidates, regions, velocity_uncertainty)
     motion, guards = search.run(trial)
     if (stopped := _stopped_by(motion, candidates)) is not None:
         y = _project(system, now.y, u, motion.equations.is_held)
         now = now._replace(y=y, touching=now.touching | stopped)
         return _settled(system, segment, now, uncertainty, q, closed)
-    crossed = np.zeros(system.m, dtype=bool) if beyond is None else now.crossed
+    crossed = np.zeros(system.m, dtype=bool) if velocity_uncertainty is None else now.crossed
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
@@ -277,7 +279,9 @@ def _settled(
         # the sign of what has died away is a solver's error
         watched = np.where(died, 0, shown).astype(np.int8)
         if np.count_nonzero(watched[is_open] != labels[is_open]):
-            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), beyond)
+            guards = Guards(
+                motion, watched, search.at_rest(watched), now.at_level(system), velocity_uncertainty
+            )
     if system.piecewise.count:
         shown = system.piecewise.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards)
@@ -352,17 +356,17 @@ def _within_band(system: System, now: Situation, w: Array, rough: Array) -> Mask
 
 
 def _directions(
-    now: Situation, w: Array, closed: Mask, resting: Mask, beyond: Array | None
+    now: Situation, w: Array, closed: Mask, resting: Mask, velocity_uncertainty: Array | None
 ) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
     # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
-    kept &= now.labels * w > (0.0 if beyond is None else -beyond)
+    kept &= now.labels * w > (0.0 if velocity_uncertainty is None else -velocity_uncertainty)
     resting = resting & ~kept
-    if beyond is not None:
+    if velocity_uncertainty is not None:
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
-        kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= beyond)
+        kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= velocity_uncertainty)
     return np.where(kept, now.labels, np.sign(w)), resting
 
 

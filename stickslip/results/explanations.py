@@ -216,7 +216,7 @@ def _normal(contact: Contact) -> str:
 
 
 def _loads(system: System, loads: Loads) -> list[str]:
-    times = [f"{t:g}" for t in loads.breaks if not loads.goes_on(t)]
+    times = [f"{t:g}" for t in loads.breaks if not loads.is_only_sample(t)]
     lines = ["Loads: no breaks"]
     if times:
         lines = [f"Loads: {_count(len(times), 'break')}, stop times and not guards: {_listed(times)} s"]

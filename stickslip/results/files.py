@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.loads.loads import Span
-from stickslip.equations.path import Path as Steps
+from stickslip.equations.path import Path as MotionPath
 from stickslip.equations.system import System
 from stickslip.model.checks import file_path, in_order
 from stickslip.model.modes import Mode
@@ -29,7 +29,7 @@ from stickslip.results.trajectory import Piece, Pieces, Trajectory
 
 _FORMAT = 7
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
-_OF_PATH = tuple(field.name for field in fields(Steps))
+_OF_PATH = tuple(field.name for field in fields(MotionPath))
 
 
 def save(result: Readable, path: Target) -> None:
@@ -169,7 +169,7 @@ def _pieces(data: Mapping[str, Any], count: int) -> tuple[Piece, ...]:
     found = []
     for k in range(count):
         values: dict[str, Any] = {name: of_path[name][k] for name in _OF_PATH}
-        path = None if values["taus"] is None else Steps(**values)
+        path = None if values["taus"] is None else MotionPath(**values)
         found.append(Piece(path=path, **{name: own[name][k] for name in _OF_PIECE}))
     return tuple(found)
 

@@ -45,7 +45,7 @@ class Ending(NamedTuple):
     """Where the whole scene is to be settled, and how the motion from there on is to be followed."""
 
     situation: Situation
-    is_whole: bool  # as a whole
+    is_whole: bool  # whether it is not to be followed part by part
     crossed: Indices  # borders of stops that have been found at 0
     stopped: str | None = None  # the user's event that stops the run there
 

@@ -270,7 +270,7 @@ class Run:
     def _carried_on(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
         """Return what goes on at the end of a path without an event, None where rows have to be settled."""
         after, modes = self.loads.after(t), now.motion.equations.modes
-        at_sample = self.loads.goes_on(t)
+        at_sample = self.loads.is_only_sample(t)
         # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
         if t < now.motion.segment.stop or at_sample:
             holds = modes.max(initial=0) < OPEN and all_pressed(self.system, after, t)

@@ -64,7 +64,7 @@ class Guards(GuardsAtStart):
             g[self._bent] *= self.motion.horizon**2
         return g, np.maximum(start, size)
 
-    def of_friction(self, i: int) -> tuple[int, int] | None:
+    def row_and_direction(self, i: int) -> tuple[int, int] | None:
         """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where none does."""
         if i < self.rows.slips or (self.direction[i] and not self.is_velocity[i]):
             return int(self.row[i]), int(self.direction[i])

@@ -95,7 +95,7 @@ class Loads:
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
 
-    def goes_on(self, t: float) -> bool:
+    def is_only_sample(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
         return t in self._samples
 
