@@ -70,9 +70,7 @@ def main() -> int:
         cells += [f"{1e3 * seconds:.0f}", f"{error:.0e}", f"{len(found.events)}"]
         print("| " + " | ".join(cells) + " |", flush=True)
     steps = [np.exp(np.abs(np.diff(np.log(x)))) for x in (times, errors)]
-    print(
-        f"\nlargest factors from one rate to the next: time {steps[0].max():.1f}, error {steps[1].max():.1f}"
-    )
+    print(f"\nlargest factors from one rate to the next: time {steps[0].max():.1f}, error {steps[1].max():.1f}")
     return int(sum(np.count_nonzero(step >= CLIFF) for step in steps))
 
 

@@ -107,9 +107,7 @@ def _bdf(repeats: int) -> Iterator[Line]:
         ("four flywheels, viscous", four_flywheels(viscous=VISCOUS), BENCHMARK_SPAN),
     ):
         loose = partial(simulate, t_span=span, method="BDF", rtol=1e-5, atol=1e-7)
-        hard, soft, ratio = _in_turn(
-            partial(loose, scene), partial(loose, scene.regularized(PRE_SLIP)), repeats
-        )
+        hard, soft, ratio = _in_turn(partial(loose, scene), partial(loose, scene.regularized(PRE_SLIP)), repeats)
         calls = f"{soft.nfev} calls against {hard.nfev}, {soft.nfev / hard.nfev:.1f} x fewer"
         yield f"{title}, rtol 1e-5: contact force against pre-slip", f"{calls}; {ratio:.1f} x faster"
         error = _error(soft, simulate(scene, span), span)
@@ -224,9 +222,7 @@ def _error(result: Result, exact: Result, span: tuple[float, float]) -> float:
     return float(np.abs(result(times) - exact(times)).max())
 
 
-def _in_turn(
-    first: Callable[[], Result], second: Callable[[], Result], repeats: int
-) -> tuple[Result, Result, float]:
+def _in_turn(first: Callable[[], Result], second: Callable[[], Result], repeats: int) -> tuple[Result, Result, float]:
     """Run two simulations in turn; return both results and how many times the second takes the first's time."""
     results, times = [first(), second()], ([], [])  # type: tuple[list[Result], tuple[list[float], list[float]]]
     for _ in range(repeats):
@@ -270,13 +266,9 @@ CLAIMS: dict[str, tuple[str, Callable[[int], Iterator[Line]]]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the claims and what is measured."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.claims", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.claims", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--only", nargs="+", choices=[*CLAIMS], help="claims to measure (default: all)")
-    parser.add_argument(
-        "--repeats", type=int, default=5, help="runs whose median counts as a time (default: 5)"
-    )
+    parser.add_argument("--repeats", type=int, default=5, help="runs whose median counts as a time (default: 5)")
     given = parser.parse_args(arguments)
     for key in given.only or CLAIMS:
         claim, measure = CLAIMS[key]

@@ -52,9 +52,7 @@ def stiff(rate: float) -> float:
         Damper("light", "block", damping=damping),
     )
     result = simulate(scene, (0.0, 0.35), t_eval=times)
-    apart = max(
-        abs(v - float(block(mp.mpf(t)))) for t, v in zip(times, result.velocity("block"), strict=True)
-    )
+    apart = max(abs(v - float(block(mp.mpf(t)))) for t, v in zip(times, result.velocity("block"), strict=True))
     return max(float(apart), abs(result.events[0].t - float(rests)) / 0.35)
 
 
@@ -156,9 +154,7 @@ def draw(found: Sequence[tuple[Family, Sequence[Point]]], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print and draw."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", type=Path, default=Path("extremes.png"), help="file of the figure")
     options = parser.parse_args(arguments)
     found = []
@@ -168,9 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for value in family.values:
             point = measured(family, value)
             points.append(point)
-            said = (
-                "refused | " if math.isnan(point.error) else f"{point.error:.1e} | {1e3 * point.seconds:.0f}"
-            )
+            said = "refused | " if math.isnan(point.error) else f"{point.error:.1e} | {1e3 * point.seconds:.0f}"
             print(f"| {value:.0e} | {said} |", flush=True)
         found.append((family, points))
     draw(found, options.figure)

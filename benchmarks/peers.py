@@ -186,9 +186,7 @@ def sundae(method: str, rtol: float, *, at_outputs: bool) -> Answer:
             rtol=rtol,
             atol=rtol,
         )
-        times = (
-            np.unique(np.concatenate([[t0], outputs, [phase.t1]])) if at_outputs else np.array([t0, phase.t1])
-        )
+        times = np.unique(np.concatenate([[t0], outputs, [phase.t1]])) if at_outputs else np.array([t0, phase.t1])
         found = solver.solve(times, np.array(phase.v))
         if found.status < 0:
             raise RuntimeError(found.message)
@@ -294,9 +292,7 @@ def pathsim(rtol: float, *, at_outputs: bool) -> Answer:
         return np.array([a1 + s1 * tau, a2 + s2 * tau])
 
     def guard(k: int) -> Callable[[float], float]:
-        return lambda t: (
-            now["guards"](t, *wheels.engine.get().tolist())[k] if k < len(now["contacts"]) else 1.0
-        )
+        return lambda t: now["guards"](t, *wheels.engine.get().tolist())[k] if k < len(now["contacts"]) else 1.0
 
     def event(k: int) -> Callable[[float], None]:
         def settle(t: float) -> None:
@@ -329,9 +325,7 @@ def pathsim(rtol: float, *, at_outputs: bool) -> Answer:
     within = np.searchsorted([phase.t0 for phase in phases], (t[1:] + t[:-1]) / 2) - 1
     starts = np.array([phase.t0 for phase in phases])[within]
     a1, s1, a2, s2 = np.array([phase.rates() for phase in phases])[within].T
-    left, right = (
-        np.stack([a1 + s1 * (ends - starts), a2 + s2 * (ends - starts)], axis=1) for ends in (t[:-1], t[1:])
-    )
+    left, right = (np.stack([a1 + s1 * (ends - starts), a2 + s2 * (ends - starts)], axis=1) for ends in (t[:-1], t[1:]))
     return Answer(hermite(t, y, left, right, OUTPUTS), events, len(t) - 1, now["calls"])
 
 
@@ -460,9 +454,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=21, help="timed turns of each pair (default 21)")
     repeats = parser.parse_args(arguments).repeats
     names = list(PEERS)

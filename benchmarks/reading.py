@@ -48,10 +48,7 @@ def on_a_belt(count: int, **curve: Any) -> Scene:
     places = 0.5 + 0.5 * np.sin(7.3 * np.arange(count))
     return Scene(
         Drive("belt", velocity=0.3),
-        *(
-            Body(name, inertia=1.0, velocity=0.3, position=x)
-            for name, x in zip(names, places.tolist(), strict=True)
-        ),
+        *(Body(name, inertia=1.0, velocity=0.3, position=x) for name, x in zip(names, places.tolist(), strict=True)),
         *(Contact(f"c{name}", name, "belt", law, normal=5.0) for name in names),
         *(Spring(name, GROUND, stiffness=1.0, damping=0.05) for name in names),
         *(Spring(a, b, stiffness=3.0) for a, b in pairwise(names)),
@@ -115,9 +112,7 @@ def main() -> None:
     """Print the table."""
     print("CPU times in s; reading means velocity and position of every body and drive, and of every contact")
     print(", ".join(_OF_CONTACTS))
-    print(
-        "its ratios are those to the simulation of a scene that was built just now, and of the same once more"
-    )
+    print("its ratios are those to the simulation of a scene that was built just now, and of the same once more")
     print(
         f"{'scene':10}{'bodies':>7}{'span':>7}{'events':>8}{'times':>8}"
         f"{'first':>10}{'again':>10}{'read':>9}{'ratios':>14}{'plot':>8}"

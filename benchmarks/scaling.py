@@ -71,10 +71,7 @@ def blocks(n: int, push: float = 0.0) -> Scene:
     law, index = DryFriction(mu_static=0.35, mu_coulomb=0.2), range(n)
     return Scene(
         Drive("belt", velocity=BELT),
-        *(
-            Body(f"b{i}", inertia=1.0, velocity=BELT, position=0.5 + 0.5 * math.sin(7.3 * i))
-            for i in range(n)
-        ),
+        *(Body(f"b{i}", inertia=1.0, velocity=BELT, position=0.5 + 0.5 * math.sin(7.3 * i)) for i in range(n)),
         *(Contact(f"f{i}", f"b{i}", "belt", law, normal=5.0) for i in index),
         *(Spring(f"b{i}", GROUND, stiffness=1.0, damping=0.05) for i in index),
         *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in index[:-1]),
@@ -88,10 +85,7 @@ def wagons(n: int) -> Scene:
     return Scene(
         *(Body(f"w{i}", inertia=1.0, velocity=0.3 * math.sin(7.3 * i), position=-1.0 * i) for i in index),
         *(Contact(f"r{i}", f"w{i}", GROUND, law, normal=10.0) for i in index),
-        *(
-            Gap(f"b{i}", f"w{i}", f"w{i + 1}", lower=0.98, upper=1.03, stiffness=200.0, damping=1.0)
-            for i in index[:-1]
-        ),
+        *(Gap(f"b{i}", f"w{i}", f"w{i + 1}", lower=0.98, upper=1.03, stiffness=200.0, damping=1.0) for i in index[:-1]),
     )
 
 
@@ -134,9 +128,7 @@ def measure(kind: str, n: int) -> Measured:
         error = float(np.abs(last - np.mean([body.velocity for body in scene.bodies])).max())
     if kind == "wheels" and any(result.mode(f"c{i}")[-1] for i in range(n - 1)):
         error = math.inf
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
-        1 << (20 if sys.platform == "darwin" else 10)
-    )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << (20 if sys.platform == "darwin" else 10))
     return Measured(n, len(result.events), int(result.stats["steps"]), seconds, error, peak)
 
 

@@ -29,10 +29,7 @@ def train(count: int) -> Scene:
     return Scene(
         *(Body(name, inertia=1.0, velocity=1.0) for name in names),
         *(Contact(f"c{name}", name, GROUND, DryFriction(0.3, 0.25), normal=1.0) for name in names),
-        *(
-            Gap(f"{a}-{b}", a, b, lower=-0.02, upper=0.02, stiffness=400.0, damping=1.0)
-            for a, b in pairwise(names)
-        ),
+        *(Gap(f"{a}-{b}", a, b, lower=-0.02, upper=0.02, stiffness=400.0, damping=1.0) for a, b in pairwise(names)),
         Force("w0", sine(5.0, 0.5)),
     )
 
@@ -45,9 +42,7 @@ SCENES: dict[str, tuple[Callable[[], Scene], float]] = {
 }
 
 
-def seconds(
-    scene: Callable[[], Scene], stop: float, context: Callable[..., AbstractContextManager[Any]]
-) -> float:
+def seconds(scene: Callable[[], Scene], stop: float, context: Callable[..., AbstractContextManager[Any]]) -> float:
     """Return how long a simulation takes by the clock in s, with another choice of threads."""
     with mock.patch("stickslip.simulation.simulate.one_thread", context):
         one = scene()
@@ -59,8 +54,7 @@ def seconds(
 def measured(scene: Callable[[], Scene], stop: float) -> tuple[float, float]:
     """Return the medians with all threads and with one, in s."""
     pairs = [
-        (seconds(scene, stop, lambda *_, **__: nullcontext()), seconds(scene, stop, one_thread))
-        for _ in range(_RUNS)
+        (seconds(scene, stop, lambda *_, **__: nullcontext()), seconds(scene, stop, one_thread)) for _ in range(_RUNS)
     ]
     every, one = map(median, zip(*pairs, strict=True))
     return every, one

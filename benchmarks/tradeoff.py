@@ -121,9 +121,7 @@ def cases() -> list[Case]:
     """Return the scenes."""
     benchmark, viscous = two_flywheels(), reference("flywheels-4-viscous")
     return [
-        Case(
-            "benchmark", "flywheel benchmark", benchmark.scene, (0.0, benchmark.stop), benchmark, level=20.0
-        ),
+        Case("benchmark", "flywheel benchmark", benchmark.scene, (0.0, benchmark.stop), benchmark, level=20.0),
         Case("viscous", "four viscous flywheels", viscous.scene, (0.0, viscous.stop), viscous, level=12.0),
         Case("leine", "Leine's belt", leines_belt(), (0.0, 40.0)),
         Case("blocks", "50 blocks on a belt", blocks(50), (0.0, 5.0), weight=3.0, level=1.75),
@@ -173,9 +171,7 @@ def fixed_steps(quick: bool) -> WorkPrecision:
         with np.errstate(all="ignore"):
             return measured(result)
 
-    return work_precision(
-        setups, error=error, repeats=1 if quick else 3, warmup=0, error_label="error / (rad/s)"
-    )
+    return work_precision(setups, error=error, repeats=1 if quick else 3, warmup=0, error_label="error / (rad/s)")
 
 
 def advantage(work: WorkPrecision) -> list[str]:
@@ -192,9 +188,7 @@ def advantage(work: WorkPrecision) -> list[str]:
         ours = [row for row in hard if row.error <= theirs.error]
         if not ours:
             best = min((row.error for row in hard), default=math.inf)
-            lines.append(
-                f"{method}: pre-slip reaches {theirs.error:.1e}, the contact force {best:.1e} at these steps"
-            )
+            lines.append(f"{method}: pre-slip reaches {theirs.error:.1e}, the contact force {best:.1e} at these steps")
             continue
         fastest = min(ours, key=lambda row: row.median)
         ratio = theirs.median / fastest.median
@@ -286,9 +280,7 @@ class Judge:
         return largest
 
 
-def lines_of(
-    case: Case, judge: Judge, work: WorkPrecision, runs: dict[str, Callable[[], Result]]
-) -> list[Line]:
+def lines_of(case: Case, judge: Judge, work: WorkPrecision, runs: dict[str, Callable[[], Result]]) -> list[Line]:
     """Return a line for each family; events and creep are those of its quickest run within the second level."""
     lines = []
     grouped: dict[str, list[WorkRow]] = {call.family: [] for call in calls(case.scene, case.span, 1.0)}

@@ -43,9 +43,7 @@ def main(figure: Path) -> None:
     axes = drawing.subplots(3, 1, sharex=True, height_ratios=(2.6, 1.8, 1.8))
     plots.velocities(result, names, ax=axes[0]).set_xlabel("")
     axes[0].child_axes[0].set_ylabel("velocity [rad/s]")
-    plots.velocities(result, ["bit", "table"], ax=axes[1]).set(
-        xlabel="", ylabel="velocity [rad/s]", ylim=(-2.5, 24.0)
-    )
+    plots.velocities(result, ["bit", "table"], ax=axes[1]).set(xlabel="", ylabel="velocity [rad/s]", ylim=(-2.5, 24.0))
     plots.contact_forces(result, "rock", ax=axes[2]).set(ylim=(0.0, 10e3), ylabel="friction torque [N m]")
     for ax in axes[1:]:
         ax.legend(loc="upper right", ncols=4, fontsize="small", frameon=False)

@@ -22,9 +22,7 @@ def brake(shoes: tuple[int, ...]) -> Scene:
     """Return a drum with shoes: +1 for a leading, -1 for a trailing one."""
     laws = [DryFriction(MU, MU).self_energised(side * C / B) for side in shoes]
     press = FORCE * A / B
-    contacts = [
-        Contact(f"shoe{k}", "drum", GROUND, law, normal=press, radius_a=RADIUS) for k, law in enumerate(laws)
-    ]
+    contacts = [Contact(f"shoe{k}", "drum", GROUND, law, normal=press, radius_a=RADIUS) for k, law in enumerate(laws)]
     return Scene(Body("drum", inertia=INERTIA, velocity=SPEED), *contacts, motion="rotation")
 
 

@@ -37,9 +37,7 @@ def main(figure: Path) -> None:
         print(f"turns at {t:.6f} s, {found:+.9f} rad; from the energy {angle:+.9f} rad")
     rest = result.position("bob")[-1]
     heat = WEIGHT * (cos(rest) - cos(START))
-    print(
-        f"rests at {rest:+.6f} rad; heat {result.energy().contacts['pivot'][-1]:.6f} J, from the way {heat:.6f} J"
-    )
+    print(f"rests at {rest:+.6f} rad; heat {result.energy().contacts['pivot'][-1]:.6f} J, from the way {heat:.6f} J")
 
     fine = result.sample(3001)
     drawing = Figure(figsize=(9.0, 4.2), layout="constrained")

@@ -18,9 +18,7 @@ EXACT = {"amplitude": 0.067240146920867, "slip phase": 2.56843892210513, "stick 
 
 def main(figure: Path) -> None:
     """Let the slide hunt; print the limit cycle beside the exact one; draw position, forces and phases."""
-    controller = st.pid(
-        "pid", 1 - st.position("slide"), kp=3.0, ki=4.0, kd=6.0, rate=-1 * st.velocity("slide")
-    )
+    controller = st.pid("pid", 1 - st.position("slide"), kp=3.0, ki=4.0, kd=6.0, rate=-1 * st.velocity("slide"))
     guide = st.Contact("guide", "slide", st.GROUND, st.DryFriction(1.5, 1.0), normal=1.0)
     scene = st.Scene(st.Body("slide", inertia=1.0), guide, controller, st.Force("slide", st.output("pid")))
     result = st.simulate(scene, (0.0, 200.0))

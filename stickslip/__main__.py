@@ -139,9 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     _add(parser, _TOLERANCES)
     where = parser.add_mutually_exclusive_group()
     figure = "stickslip-benchmark.png"
-    where.add_argument(
-        "--plot", metavar="FILE", default=figure, help=f"where the figure goes (default {figure})"
-    )
+    where.add_argument("--plot", metavar="FILE", default=figure, help=f"where the figure goes (default {figure})")
     where.add_argument("--no-plot", action="store_true", help="draw nothing")
 
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
@@ -163,9 +161,7 @@ def _parser() -> argparse.ArgumentParser:
     measured = _command(commands, "tradeoff", _tradeoff, what, "--error 1e-6 --plot tradeoff.png")
     _add(measured, ("span", "budget"), plot="write a figure of error against time")
     aim = measured.add_mutually_exclusive_group()
-    aim.add_argument(
-        "--error", type=float, help="recommend the fastest call with at most this velocity error"
-    )
+    aim.add_argument("--error", type=float, help="recommend the fastest call with at most this velocity error")
     aim.add_argument("--time", type=float, help="recommend the most accurate call within this wall time in s")
     what = "run a scene file over a grid of its numbers"
     vary = "--vary floor.normal=1,5,10 --vary springs[0].stiffness=1:100:9:log"
@@ -220,9 +216,7 @@ def _benchmark(chosen: argparse.Namespace) -> int:
         print(f"{name + ' at the end [rad/s]':32}{final:>18.15f}{EXACT_FINAL_VELOCITY:>18.15f}{error:>10.1e}")
     print("\nwork: " + ", ".join(f"{name} {value}" for name, value in result.stats.items()))
     span, median = BENCHMARK_SPAN[1] - BENCHMARK_SPAN[0], statistics.median(durations[1:])
-    print(
-        f"time: {span:g} s simulated in {1e3 * median:.2f} ms, {span / median:,.0f} times faster than real time\n"
-    )
+    print(f"time: {span:g} s simulated in {1e3 * median:.2f} ms, {span / median:,.0f} times faster than real time\n")
     _print_engines(timed)
     if plot:
         # the last three seconds show two wheels that turn together
@@ -251,9 +245,7 @@ def _print_engines(timed: Sequence[tuple[Result, list[float]]]) -> None:
         off = max(abs(v - EXACT_FINAL_VELOCITY) for v in finals)
         same = "the same" if _same_story(result) else "OTHERS"
         cold, warm = 1e3 * durations[0], 1e3 * statistics.median(durations[1:])
-        print(
-            f"{result.stats['engine']:14}{same:>9}{late:>16.1e} s{off:>10.1e} rad/s{cold:>7.1f} ms{warm:>7.2f} ms"
-        )
+        print(f"{result.stats['engine']:14}{same:>9}{late:>16.1e} s{off:>10.1e} rad/s{cold:>7.1f} ms{warm:>7.2f} ms")
     print(f"(cold: the first run, with what it has to import; warm: the median of {_REPEATS} more)\n")
 
 
@@ -341,9 +333,7 @@ def _sweep(chosen: argparse.Namespace) -> int:
     how: dict[str, Any] = {"executor": "serial"} if chosen.workers == 1 else {"workers": chosen.workers}
     try:
         with _refusals():
-            found = sweep(
-                runs, grid, **how, progress=sys.stderr.isatty(), save=chosen.save, version=runs.version
-            )
+            found = sweep(runs, grid, **how, progress=sys.stderr.isatty(), save=chosen.save, version=runs.version)
     except SweepInterrupted as stop:
         print(f"stickslip: {stop}", file=sys.stderr)
         found, code = stop.result, _INTERRUPTED
@@ -392,9 +382,7 @@ def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: ar
     if value not in found.values:
         raise _BadInput(f"--value {value}: no value is called so; choose from {', '.join(found.values)}")
     heads = _heads(runs, found)
-    _save_figure(
-        lambda: plots.sweep_map(found, varied[0], varied[1], value, labels=heads).figure, chosen.plot
-    )
+    _save_figure(lambda: plots.sweep_map(found, varied[0], varied[1], value, labels=heads).figure, chosen.plot)
 
 
 def _scene_file(chosen: argparse.Namespace) -> tuple[Scene, Any]:
@@ -428,15 +416,11 @@ def _options(chosen: argparse.Namespace, given: Any) -> dict[str, Any]:
     known = (*_OF_SIMULATE, "points")
     unknown = [name for name in given if name not in known]
     if unknown:
-        raise _BadInput(
-            f"{chosen.scene}: simulation: unknown entry {unknown[0]!r}; known are {', '.join(known)}"
-        )
+        raise _BadInput(f"{chosen.scene}: simulation: unknown entry {unknown[0]!r}; known are {', '.join(known)}")
     typed = {name: value for name in known if (value := getattr(chosen, name, None)) is not None}
     options = {**given, **typed}
     if "span" not in options:
-        raise _BadInput(
-            f"{chosen.scene}: no time span; give --span T0 T1, or span = [T0, T1] in table simulation"
-        )
+        raise _BadInput(f"{chosen.scene}: no time span; give --span T0 T1, or span = [T0, T1] in table simulation")
     points = options.pop("points", None)
     if points is not None:
         with _refusals():

@@ -161,9 +161,7 @@ def _calls() -> list[Call]:
             {"derivatives": {"none", "function", "result"}},
         ),
         Call(saturate, {"quantity": velocity("a"), "low": -1.0, "high": 1.0}, {"quantity": {"number"}}),
-        Call(
-            table, {"quantity": velocity("a"), "xs": [0.0, 1.0], "ys": [0.0, 1.0]}, {"quantity": {"number"}}
-        ),
+        Call(table, {"quantity": velocity("a"), "xs": [0.0, 1.0], "ys": [0.0, 1.0]}, {"quantity": {"number"}}),
         Call(
             pid,
             {"name": "p", "error": velocity("a"), "kp": 1.0, "ki": 1.0, "kd": 1.0, "rate": velocity("a")}

@@ -53,9 +53,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     finally:
         sys.settrace(former)
         run = {
-            Path(name).relative_to(package.parent).as_posix(): sorted(lines)
-            for name, lines in _lines.items()
-            if lines
+            Path(name).relative_to(package.parent).as_posix(): sorted(lines) for name, lines in _lines.items() if lines
         }
         _tests[item.nodeid] = {"seconds": time.perf_counter() - begun, "run": run}
 

@@ -70,9 +70,7 @@ class Change:
         return source[:first] + self.after.encode() + source[last:]
 
     def __str__(self) -> str:
-        return (
-            f"{self.file}:{self.line}  [{self.kind}]  {_one_line(self.before)}  ->  {_one_line(self.after)}"
-        )
+        return f"{self.file}:{self.line}  [{self.kind}]  {_one_line(self.before)}  ->  {_one_line(self.after)}"
 
 
 Edit = tuple[ast.AST, ast.AST]
@@ -97,11 +95,7 @@ def _signs(node: ast.AST) -> Iterator[Edit]:
 
 def _sides(node: ast.AST) -> Iterator[Edit]:
     """A name for its counterpart, and the first of two for the second."""
-    if (
-        isinstance(node, ast.Name)
-        and isinstance(node.ctx, ast.Load)
-        and node.id in ("min", "max", "any", "all")
-    ):
+    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in ("min", "max", "any", "all"):
         yield node, ast.Name(_OTHER[node.id], ast.Load())
     elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load) and node.attr in _OTHER:
         yield node, ast.Attribute(node.value, _OTHER[node.attr], ast.Load())
@@ -181,9 +175,7 @@ def _branches(node: ast.AST) -> Iterator[Edit]:
 def _calls(node: ast.AST) -> Iterator[Edit]:
     """What a function that limits, orders or copies is given, for what it returns; a statement left out."""
     if isinstance(node, ast.Call) and _name(node.func) in _WRAPPERS and not node.keywords:
-        if len(node.args) in (1, 2) and not any(
-            isinstance(arg, (ast.Starred, ast.GeneratorExp)) for arg in node.args
-        ):
+        if len(node.args) in (1, 2) and not any(isinstance(arg, (ast.Starred, ast.GeneratorExp)) for arg in node.args):
             yield node, node.args[0]
         elif not node.args and isinstance(node.func, ast.Attribute):
             yield node, node.func.value

@@ -93,9 +93,7 @@ class Record:
         What stands outside of functions is run on import: tests that run any of the same file watch it. Of code that
         only other processes run, all tests are asked, those first that name the file.
         """
-        chosen = [
-            name for name, run in self.run.items() if not change.lines.isdisjoint(run.get(change.file, ()))
-        ]
+        chosen = [name for name, run in self.run.items() if not change.lines.isdisjoint(run.get(change.file, ()))]
         if not chosen:
             chosen = [name for name, run in self.run.items() if change.file in run]
         stem = Path(change.file).stem.strip("_")
@@ -241,9 +239,7 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Try generated changes, one after another; return 1 if one survives."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("number", type=int, help="how many changes to try")
     parser.add_argument("--seed", type=int, default=0, help="which changes to make (default 0)")
     parser.add_argument("--only", default="*", metavar="PATTERN", help="files to change, such as '*/plots*'")
@@ -251,9 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--limit", type=float, default=30.0, help="seconds that the tests of one change may take (default 30)"
     )
     parser.add_argument("--slow", action="store_true", help="let slow tests watch too")
-    parser.add_argument(
-        "--keep", type=Path, metavar="FILE", help="keep here which test runs what, and read it"
-    )
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="keep here which test runs what, and read it")
     options = parser.parse_args(arguments)
     tests = ["tests"] if options.slow else ["tests", "-m", "not slow"]
     trials: list[Trial] = []

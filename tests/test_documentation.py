@@ -105,6 +105,4 @@ def test_modules_that_pages_run_exist() -> None:
     for path, text in TEXTS.items():
         for module in re.findall(r"python3? -m ((?:benchmarks|validation|stickslip)[\w.]*)", text):
             file = ROOT.joinpath(*module.split("."))
-            assert file.with_suffix(".py").exists() or (file / "__main__.py").exists(), (
-                f"{path.name}: {module}"
-            )
+            assert file.with_suffix(".py").exists() or (file / "__main__.py").exists(), f"{path.name}: {module}"

@@ -108,15 +108,9 @@ def test_every_public_name_has_an_entry_of_its_own(name: str) -> None:
 @pytest.mark.parametrize("module", ["plots", "output"])
 def test_every_name_of_the_public_modules_has_an_entry(module: str) -> None:
     thing = stickslip.output if module == "output" else importlib.import_module("stickslip.plots")
-    names = (
-        thing.__all__
-        if module == "plots"
-        else [name for name in vars(type(thing)) if not name.startswith("_")]
-    )
+    names = thing.__all__ if module == "plots" else [name for name in vars(type(thing)) if not name.startswith("_")]
     for name in sorted({*names} - {"Figure", "read"}):
-        assert re.search(
-            rf"^::: stickslip\.(plots|results\.(files|tables))\.{name}$", API, flags=re.MULTILINE
-        ), name
+        assert re.search(rf"^::: stickslip\.(plots|results\.(files|tables))\.{name}$", API, flags=re.MULTILINE), name
 
 
 def checked(code: str, folder: Path) -> str:

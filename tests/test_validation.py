@@ -124,9 +124,7 @@ def tries(*items: partial) -> Tried:
 
 
 @pytest.mark.slow
-def test_what_is_wrong_or_hangs_among_many_is_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_or_hangs_among_many_is_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, wrong, hung = partial(float, 0.25), partial(sleeps_or_fails, False), partial(sleeps_or_fails, True)
     some = replace(row("some", partial(tries, good, wrong, hung, wrong)), tries="things")
     all_good = replace(row("all-good", partial(tries, good, good)), tries="things")

@@ -23,9 +23,7 @@ def kinds(value: Any) -> set[str]:
     """Return the kinds of values that an argument takes which takes this one."""
     if isinstance(value, list | tuple):
         first = value[0] if value else 0.0
-        return (
-            {"texts"} if isinstance(first, str) else {"numbers"} if isinstance(first, float) else {"matrix"}
-        )
+        return {"texts"} if isinstance(first, str) else {"numbers"} if isinstance(first, float) else {"matrix"}
     for kind, some in STRANGE.items():
         if type(value) in {type(one) for one in some if type(one) is not object}:
             return CALLABLE if kind == "function" else {kind}

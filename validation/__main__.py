@@ -112,9 +112,7 @@ def main(arguments: Sequence[str] | None = None, rows: Sequence[Row] | None = No
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("python -m validation", description=__doc__)
-    parser.add_argument(
-        "names", nargs="*", help="rows to run, by name or pattern such as 'chain-*'; all by default"
-    )
+    parser.add_argument("names", nargs="*", help="rows to run, by name or pattern such as 'chain-*'; all by default")
     parser.add_argument("--quick", action="store_true", help="leave out what is long; under a minute")
     parser.add_argument("--list", action="store_true", help="show the rows and end")
     parser.add_argument(
@@ -131,9 +129,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="number of rows that run side by side (1); one for each core at most, or times mean less",
     )
-    parser.add_argument(
-        "--report", type=Path, metavar="DIR", help="write a page with tables and figures into DIR"
-    )
+    parser.add_argument("--report", type=Path, metavar="DIR", help="write a page with tables and figures into DIR")
     return parser
 
 
@@ -174,10 +170,7 @@ def _line(outcome: Outcome) -> str:
 
 
 def _why(outcome: Outcome) -> str:
-    return (
-        outcome.remark
-        or f"error {number(outcome.error)}, at most {number(outcome.row.bound)}: {outcome.row.what}"
-    )
+    return outcome.remark or f"error {number(outcome.error)}, at most {number(outcome.row.bound)}: {outcome.row.what}"
 
 
 if __name__ == "__main__":

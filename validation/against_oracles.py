@@ -84,9 +84,7 @@ OF_MACHINES = {"auto": Group({}, 1e-9, 1e-9, 1e-7), "BDF": Group({"method": "BDF
 def scene_of(data: Mapping[str, Any], order: int | None = 0) -> Scene:
     """Return a scene of plain data, its elements in another order for each number, as they stand for None."""
     elements: list[Any] = [
-        Body(**body)
-        if body["inertia"] is not None
-        else Drive(body["name"], velocity=signal_of(body["velocity"]))
+        Body(**body) if body["inertia"] is not None else Drive(body["name"], velocity=signal_of(body["velocity"]))
         for body in data["bodies"]
     ]
     elements += map(_element, data.get("rows", data.get("contacts")))

@@ -130,9 +130,7 @@ def _all_in(result: Result) -> tuple[list[tuple[Any, ...]], Array]:
     return said, np.array(parts + [heat[contact.name][-1] for contact in scene.contacts])
 
 
-def _difference(
-    scene: Scene, one: Parameter, h: float, said: list[Any], own: Array
-) -> tuple[Array, Array] | None:
+def _difference(scene: Scene, one: Parameter, h: float, said: list[Any], own: Array) -> tuple[Array, Array] | None:
     """Return differences between exact runs and how uncertain they are; None where other things happen in one of them.
 
     What runs are off adds up in differences of high order, as what bends does (More and Wild 2011); so they tell both.
@@ -140,9 +138,7 @@ def _difference(
     values = [own] * _EIGHTH.size
     for k in (0, 8, 1, 7, 2, 6, 3, 5):
         try:
-            events, values[k] = _all_in(
-                simulate(one.set(scene, one.value + (k - 4) * h), (0.0, STOP), **_TIGHT)
-            )
+            events, values[k] = _all_in(simulate(one.set(scene, one.value + (k - 4) * h), (0.0, STOP), **_TIGHT))
         except (ValueError, TypeError, SimulationError):
             return None
         if events != said:
@@ -241,17 +237,13 @@ def _of_scene(number: int, counts: dict[str, int]) -> float:
         doubtful = known & ~settled & (off > np.maximum(_DOUBT * uncertain, 10 * _SETTLED * scale))
         if doubtful.any():
             i = int(np.argmax(doubtful))
-            raise Wrong(
-                f"quantity {i} by {one.name}: {column[i]:.9g}, not {slopes[i]:.9g} +- {uncertain[i]:.2g}"
-            )
+            raise Wrong(f"quantity {i} by {one.name}: {column[i]:.9g}, not {slopes[i]:.9g} +- {uncertain[i]:.2g}")
     return largest
 
 
 def derivatives(numbers: Sequence[int]) -> Tried:
     """Return the worst derivative of random scenes against differences of exact runs."""
-    counts = dict.fromkeys(
-        ("compared", "unsettled", "reasoned", "needless", "refused", "alone", "stopped"), 0
-    )
+    counts = dict.fromkeys(("compared", "unsettled", "reasoned", "needless", "refused", "alone", "stopped"), 0)
     tried = try_each(((f"scene {n}", partial(_of_scene, n, counts)) for n in numbers), limit=300.0)
     said = (
         f"{counts['compared']} derivatives compared, {counts['unsettled']} more with differences that are uncertain "
@@ -346,12 +338,8 @@ def _leine_end() -> tuple[float, str]:
             return rate(t, y)[0]
 
         turns.direction = -1  # type: ignore[attr-defined]
-        found = solve_ivp(
-            rate, (0.0, 12.0), [v, 1 - damping * v], rtol=1e-12, atol=1e-13, events=turns, max_step=0.05
-        )
-        return (
-            float(next(y[0] for t, y in zip(found.t_events[0], found.y_events[0], strict=True) if t > 1)) - v
-        )
+        found = solve_ivp(rate, (0.0, 12.0), [v, 1 - damping * v], rtol=1e-12, atol=1e-13, events=turns, max_step=0.05)
+        return float(next(y[0] for t, y in zip(found.t_events[0], found.y_events[0], strict=True) if t > 1)) - v
 
     exact = float(brentq(short, 0.6, 0.8, xtol=1e-12))
     error = 0.0

@@ -62,11 +62,7 @@ def two_flywheels() -> Motion:
     mu_s, mu_c, tau, load, rise = map(exact, (0.2, 0.1, 0.1, 100, 3000))  # rise: of the brake's force [N/s]
     first, second = (tuple(map(exact, triangle)) for triangle in ((0.05, 0.10, 0.15), (0.4, 0.5, 0.6)))
     total, grip = m1 + m2, mu_c * load  # grip: the force of the slipping interface
-    kinks = [
-        kink
-        for start, peak, stop in (first, second)
-        for kink in ((start, rise), (peak, -2 * rise), (stop, rise))
-    ]
+    kinks = [kink for start, peak, stop in (first, second) for kink in ((start, rise), (peak, -2 * rise), (stop, rise))]
 
     def brake(t: mpf) -> mpf:  # normal force of the brake
         return sum(change * max(t - kink, 0) for kink, change in kinks)
@@ -289,9 +285,7 @@ def coulomb_decay(
     omega = mp.sqrt(k / m)
     # A turn exactly on the level stays: roundoff must not add another.
     last = max(int(mp.ceil((k * abs(x0) - level) / (2 * force) - mp.mpf("1e-30"))), 0)
-    turns = tuple(
-        (n * mp.pi / omega, (-1) ** n * mp.sign(x0) * (abs(x0) - 2 * n * force / k)) for n in range(last + 1)
-    )
+    turns = tuple((n * mp.pi / omega, (-1) ** n * mp.sign(x0) * (abs(x0) - 2 * n * force / k)) for n in range(last + 1))
     return CoulombDecay(turns, omega, force / k)
 
 

@@ -40,14 +40,10 @@ def _options(random: Any, tightest: float = -11.0) -> dict[str, Any]:
 def _times(random: Any, shortest: float, stop: float) -> Array:
     """Half of them evenly, half over all decades."""
     even = random.uniform(0.0, stop, TIMES // 2)
-    return np.unique(
-        np.append(even, stop * (shortest / stop) ** random.uniform(0.0, 1.0, TIMES - TIMES // 2))
-    )
+    return np.unique(np.append(even, stop * (shortest / stop) ** random.uniform(0.0, 1.0, TIMES - TIMES // 2)))
 
 
-def _against(
-    scene: Scene, stop: float, t: Array, options: dict[str, Any], error: Callable[[Result], float]
-) -> float:
+def _against(scene: Scene, stop: float, t: Array, options: dict[str, Any], error: Callable[[Result], float]) -> float:
     """Return the error at `t` over that at the computed points, or over the tolerance where that is larger."""
     own, at = simulate(scene, (0.0, stop), **options), simulate(scene, (0.0, stop), t_eval=t, **options)
     return error(at) / max(error(own), 10.0 * options["rtol"])
@@ -63,9 +59,7 @@ def oscillator(random: Any) -> float:
     options = _options(random)
     options["atol"] /= omega
     damping = 2.0 * zeta * omega
-    scene = Scene(
-        Body("m", inertia=1.0, velocity=1.0), Spring("m", GROUND, stiffness=omega**2, damping=damping)
-    )
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Spring("m", GROUND, stiffness=omega**2, damping=damping))
 
     def error(r: Result) -> float:
         first, second = np.exp(fast * r.t), np.exp(slow * r.t)
@@ -129,11 +123,7 @@ def smooth_law(random: Any) -> float:
 
     def rate(t: float, y: Array) -> Array:
         w = y[1] - speed
-        step = (
-            math.tanh(w / velocity)
-            if shape == "tanh"
-            else 2 / math.pi * math.atan(0.5 * math.pi * w / velocity)
-        )
+        step = math.tanh(w / velocity) if shape == "tanh" else 2 / math.pi * math.atan(0.5 * math.pi * w / velocity)
         return np.array([y[1], -y[0] - (0.4 + 0.6 * math.exp(-((w / 0.3) ** 2))) * step])
 
     r = simulate(scene, (0.0, 12.0), **options)
@@ -165,9 +155,7 @@ def kinetic_curve(random: Any) -> float:
     require(len(stuck) > 0, "the block never sticks")
     moving = np.flatnonzero((r.mode("c")[:-1] != 0) & (np.diff(r.t) > 0))
     last = np.concatenate([int(np.searchsorted(r.t, e.t)) - 1 - np.arange(8) for e in stuck])
-    steps = np.append(
-        random.choice(moving, TIMES // 2), random.choice(np.intersect1d(last, moving), TIMES // 2)
-    )
+    steps = np.append(random.choice(moving, TIMES // 2), random.choice(np.intersect1d(last, moving), TIMES // 2))
     t = r.t[steps] + random.uniform(0.0, 1.0, steps.size) * np.diff(r.t)[steps]
     sign = {int(mode) for mode in r.mode("c")[steps]}
     require(sign == {-1}, f"the block slips in modes {sign}")
@@ -204,9 +192,7 @@ def rows(count: int) -> list[Row]:
             "Between computed points",
             f"between-{family}",
             f"{count} random runs, {TIMES} times each, over ten times rtol or the error at the points",
-            "a closed form"
-            if family in ("oscillator", "damper")
-            else "integration from the point before, to roundoff",
+            "a closed form" if family in ("oscillator", "damper") else "integration from the point before, to roundoff",
             partial(runs, family, count),
             LARGEST,
             limit=60.0 + 20.0 * count,

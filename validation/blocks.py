@@ -17,9 +17,7 @@ DRY = DryFriction(0.5, 0.4)
 FLOOR = 10.0  # normal force in N: the block breaks loose at 5 N and slides at 4 N
 
 
-def block(
-    load: Signal | float, normal: Signal | float = FLOOR, law: DryFriction = DRY, speed: float = 0.0
-) -> Scene:
+def block(load: Signal | float, normal: Signal | float = FLOOR, law: DryFriction = DRY, speed: float = 0.0) -> Scene:
     """Return a block of 1 kg on the floor under a load."""
     return Scene(
         Body("block", inertia=1.0, velocity=speed),
@@ -28,9 +26,7 @@ def block(
     )
 
 
-def told(
-    scene: Scene, stop: float, events: Sequence[Any], speeds: dict[float, float], **options: Any
-) -> Answer:
+def told(scene: Scene, stop: float, events: Sequence[Any], speeds: dict[float, float], **options: Any) -> Answer:
     """Compare a block's events (over the span) and its velocities at some times (over the largest)."""
     t = sorted(speeds)
     result = simulate(scene, (0.0, stop), t_eval=t, **options)

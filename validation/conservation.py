@@ -212,9 +212,7 @@ def _mixed() -> Scene:
         Body("c", inertia=0.4, velocity=-0.5),
         Drive("belt", velocity=sine(0.8, 0.7)),
         Contact("ab", "a", "b", DryFriction(0.5, 0.3, dwell=0.1), normal=8.0),
-        Contact(
-            "bc", "b", "c", DryFriction(0.6, 0.3, stribeck_velocity=0.2), normal=sine(4.0, 0.9, offset=5.0)
-        ),
+        Contact("bc", "b", "c", DryFriction(0.6, 0.3, stribeck_velocity=0.2), normal=sine(4.0, 0.9, offset=5.0)),
         Contact("ca", "c", "a", DryFriction(0.4, 0.4), normal=3.0),
         Contact(
             "rub",

@@ -30,10 +30,7 @@ def symmetric(count: int) -> Answer:
         Body("hub", inertia=3.0),
         *(Body(n, inertia=2.0, velocity=1.0 if n[0] == "+" else -1.0) for n in names),
         *(Contact(f"c{n}", n, "hub", DRY, normal=10.0) for n in names),
-        *(
-            Force(n, (1.0 if n[0] == "+" else -1.0) * piecewise_linear([1.0, 2.0], [0.0, 10.0]))
-            for n in names
-        ),
+        *(Force(n, (1.0 if n[0] == "+" else -1.0) * piecewise_linear([1.0, 2.0], [0.0, 10.0])) for n in names),
     )
     result = simulate(scene, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 41))
     ways = {f"c{n}": 1 if n[0] == "+" else -1 for n in names}

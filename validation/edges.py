@@ -154,9 +154,7 @@ def _normals() -> list[Edge]:
     freed = 10 - 10 / 3
     speeds = {t: (t - freed) - 0.1 * ((10 - freed) ** 2 - (10 - t) ** 2) for t in (freed, 9.5, 10.0)}
     return [
-        _on_floor(
-            "relief", 2.0, normal=[(0, 20), (1, 20), (2, 0)], events=[(released, 0, 1)], end=2 / 3 - 2 / 9
-        ),
+        _on_floor("relief", 2.0, normal=[(0, 20), (1, 20), (2, 0)], events=[(released, 0, 1)], end=2 / 3 - 2 / 9),
         _on_floor(
             "normal force that drops",
             2.0,
@@ -167,9 +165,7 @@ def _normals() -> list[Edge]:
         _on_floor("drops to 0 without a load", normal=drop),
         _on_floor("drops to 0 under a load", -2.0, normal=drop, events=[(1.0, 0, -1)], end=-2.0),
         _on_floor("rises from 0 with a load below", [(1, 0), (2, 2.5)], normal=rise),
-        _on_floor(
-            "rises from 0 with a load above", [(1, 0), (2, 4)], normal=rise, events=[(1.0, 0, 1)], end=1.0
-        ),
+        _on_floor("rises from 0 with a load above", [(1, 0), (2, 4)], normal=rise, events=[(1.0, 0, 1)], end=1.0),
         _on_floor("touches 0 with its load", [(0, 2), (1, 0), (2, 2)], normal=dip),
         _on_floor("touches 0 without a load", normal=dip),
         _on_floor("negative, then positive, at rest", normal=[(0, -10), (2, 10)]),

@@ -47,9 +47,7 @@ def scene() -> Scene:
 
 
 # The same motion, seen from the belt.
-CYCLE = analytic.pulled_block(
-    1, STIFFNESS, BELT, normal=NORMAL, mu_static=LAW.mu_static, mu_coulomb=LAW.mu_coulomb
-)
+CYCLE = analytic.pulled_block(1, STIFFNESS, BELT, normal=NORMAL, mu_static=LAW.mu_static, mu_coulomb=LAW.mu_coulomb)
 FIRST, SLIP = float(CYCLE.first_break), float(CYCLE.slip_time)
 PERIOD = float(CYCLE.slip_time + CYCLE.stick_time)
 

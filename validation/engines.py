@@ -66,9 +66,7 @@ def _by_sine(random: np.random.Generator, excess: float) -> Graze:
     above = mp.mpf(amplitude) + mp.mpf(offset) - 5
     first = None
     if above > 0:
-        first = float(
-            (mp.asin((5 - mp.mpf(offset)) / mp.mpf(amplitude)) - mp.mpf(phase)) / (2 * mp.pi * frequency)
-        )
+        first = float((mp.asin((5 - mp.mpf(offset)) / mp.mpf(amplitude)) - mp.mpf(phase)) / (2 * mp.pi * frequency))
     load = sine(amplitude, frequency, phase=phase, offset=offset)
     # half a period beyond the first peak, and before the next
     stop = float((mp.pi / 2 - mp.mpf(phase)) / (2 * mp.pi * frequency)) + 0.5 / frequency

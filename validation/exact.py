@@ -177,9 +177,7 @@ def _story_rows() -> Iterator[Row]:
             integrated = formulation != "contact-force" or name not in _FREE_OF_SPRINGS
             what = f"{about}: event times over the span, velocities over the largest ({formulation})"
             check = partial(told, story, formulation)
-            yield exact_row(
-                f"{name}/{formulation}", what, source, check, INTEGRATED if integrated else CLOSED
-            )
+            yield exact_row(f"{name}/{formulation}", what, source, check, INTEGRATED if integrated else CLOSED)
 
 
 # Two bodies, one contact
@@ -192,9 +190,7 @@ def stick_phase(formulation: str) -> Answer:
     for _ in range(12):
         m1, m2 = 10.0 ** random.uniform(-3, 3, 2)
         f1, f2 = random.uniform(-5, 5, 2)
-        result = simulate(
-            _pair(m1, m2, f1, f2, 100.0), (0.0, 1.0), **asked(formulation), t_eval=[0.0, 0.5, 1.0]
-        )
+        result = simulate(_pair(m1, m2, f1, f2, 100.0), (0.0, 1.0), **asked(formulation), t_eval=[0.0, 0.5, 1.0])
         force, acceleration = analytic.stick_phase(f1, f2, m1, m2)
         require(not result.events, "stuck bodies slip")
         lam, v = result.force("c"), result.velocity("a")
@@ -289,9 +285,7 @@ def turning_points(formulation: str) -> Answer:
         found = [e for e in changes(result) if e[2] != 0]
         require(len(found) == len(turns), f"{len(found)} turns instead of {len(turns)}")
         errors += [abs(e[0] - float(t[0])) / stop for e, t in zip(found, turns, strict=True)]
-        require(
-            result.mode("floor")[-1] == 0 and result.velocity("m")[-1] == 0, "the mass never comes to rest"
-        )
+        require(result.mode("floor")[-1] == 0 and result.velocity("m")[-1] == 0, "the mass never comes to rest")
     return max(errors), f"{len(errors) - 4} turns"
 
 

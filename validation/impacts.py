@@ -35,9 +35,7 @@ def configuration(seed: int) -> dict[str, Any]:
         }
         for name in names
     ]
-    bodies.append(
-        {"name": "drive", "inertia": None, "velocity": draw.choice([0.0, round(draw.gauss(0, 1), 3)])}
-    )
+    bodies.append({"name": "drive", "inertia": None, "velocity": draw.choice([0.0, round(draw.gauss(0, 1), 3)])})
     rows: list[dict[str, Any]] = []
     for k in range(draw.randint(1, 6)):
         a, b = draw.sample(names, 2)
@@ -116,9 +114,7 @@ def _check(machine: Machine, v: Array, after: Array, at: dict[int, int]) -> None
     G = np.vstack([machine.G, machine.C])[:, machine.free]
     change = (machine.mass * (after - v))[machine.free]
     left = change - G.T @ np.linalg.lstsq(G.T, change, rcond=1e-10)[0]
-    require(
-        float(np.abs(left).max(initial=0.0)) <= SAME * float(machine.mass.max()) * size, "momentum is lost"
-    )
+    require(float(np.abs(left).max(initial=0.0)) <= SAME * float(machine.mass.max()) * size, "momentum is lost")
 
 
 def over_all(count: int) -> Tried:

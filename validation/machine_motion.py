@@ -109,9 +109,7 @@ class Machine:
     def _loads(self, index: Mapping[str, int]) -> None:
         data, bodies = self.data, self.data["bodies"]
         self.drives = [read(bodies[i]["velocity"]) for i in self.driven]
-        self.normals = {
-            j: read(r["normal"]).pressed() for j, r in enumerate(self.rows) if r["kind"] == "contact"
-        }
+        self.normals = {j: read(r["normal"]).pressed() for j, r in enumerate(self.rows) if r["kind"] == "contact"}
         self.forces = [(index[f["body"]], read(f["load"])) for f in data.get("forces", [])]
         signals = [*self.drives, *self.normals.values(), *(load for _, load in self.forces)]
         self.sines = [s for s in signals if isinstance(s, Sine)]
@@ -346,9 +344,7 @@ class Motion:
         for j, kind in enumerate(m.kinds):
             if kind == "one-way" and j not in self.modes.held:
                 found.append(Guard((j,), -self.W[j]))
-            if (kind == "stop" and j not in self.modes.sides) or (
-                kind == "gap" and j not in self.modes.presses
-            ):
+            if (kind == "stop" and j not in self.modes.sides) or (kind == "gap" and j not in self.modes.presses):
                 sides = [s for s, limit in zip((-1, 1), m.limits(j), strict=True) if math.isfinite(limit)]
                 found += [Guard((j,), -self.depth(j, side)) for side in sides]
             if kind == "gap" and j in self.modes.presses:

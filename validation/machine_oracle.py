@@ -145,9 +145,7 @@ class _Run:
         jump = not first and np.abs(u - v[m.driven]).max(initial=0.0) > 1e-9 * self._speed
         at = self._at_limits()
         w = m.G @ v
-        least = (REACHED if self.reached else REST) * max(
-            self._speed, float(np.abs(v).max(initial=0.0)), 1e-12
-        )
+        least = (REACHED if self.reached else REST) * max(self._speed, float(np.abs(v).max(initial=0.0)), 1e-12)
         hit = [j for j, side in at.items() if side * w[j] > REST * self._speed and j not in self._closed]
         self._hit: dict[int, int] = {}
         if hit or jump:
@@ -185,9 +183,7 @@ class _Run:
         self._since = {j: self._since.get(j, self.t) for j in rest if m.kinds[j] == "contact"}
         if not self._labels:
             self._since = {j: -m.rows[j].get("rested", 0.0) for j in self._since}
-        moving = {
-            j: 1 if w[j] > 0 else -1 for j, kind in enumerate(m.kinds) if kind == "contact" and j not in rest
-        }
+        moving = {j: 1 if w[j] > 0 else -1 for j, kind in enumerate(m.kinds) if kind == "contact" and j not in rest}
         found: list[Motion] = []
         seen = set()
         for presses in self._presses():
@@ -341,9 +337,7 @@ class _Run:
                     if left[i] and after[i] < 0:
                         raise Doubt(self.t, "a row that leaves its mode at once")
                     continue
-                found = self._root(
-                    motion, i, tau, following, (values[i], after[i]), (rates[i], slopes[i]), zero[i]
-                )
+                found = self._root(motion, i, tau, following, (values[i], after[i]), (rates[i], slopes[i]), zero[i])
                 if found is not None:
                     zeros[i] = found
             tau, values, rates = following, after, slopes
@@ -414,9 +408,7 @@ class _Trial:
         modes = Modes({**self._moving, **slips}, tuple(held), self._presses, sides)
         return Motion(self._m, run.t, run.x, run.q, modes, run.since_of(modes))
 
-    def _settle(
-        self, eager: bool, slips: dict[int, int], tried: frozenset[tuple[tuple[int, int], ...]]
-    ) -> list[Modes]:
+    def _settle(self, eager: bool, slips: dict[int, int], tried: frozenset[tuple[tuple[int, int], ...]]) -> list[Modes]:
         """Return the modes in which no held rows carry more than they can, and none slips the wrong way."""
         while True:
             motion = self._complementary(slips)

@@ -235,9 +235,7 @@ def _rows() -> Iterator[Row]:
             f"pre-slip-{power(v)}",
             f"pre-slip velocity {power(v)}: "
             + (
-                "the benchmark approaches its exact motion; velocities over the largest"
-                if k > -10
-                else "a clear error"
+                "the benchmark approaches its exact motion; velocities over the largest" if k > -10 else "a clear error"
             ),
             "analytic.two_flywheels" if k > -10 else "an error is expected: not resolved beside 1 rad/s",
             partial(preslip, v),

@@ -80,9 +80,9 @@ def _returning(value: Any) -> Change:
 
 breaks("margin-off", "relaxation is never found", "stickslip.events.rest:_first_rest")(_returning(None))
 breaks("margin-alone", "inside the margin is at rest", "stickslip.events.rest:_at_rest")(_returning(True))
-breaks(
-    "never-released", "overloaded contacts are held all the same", "stickslip.events.search:Search._improved"
-)(_returning(None))
+breaks("never-released", "overloaded contacts are held all the same", "stickslip.events.search:Search._improved")(
+    _returning(None)
+)
 breaks("looks-off-steps", "no look between computed points", "stickslip.engines.solvers.follow:first_dip")(
     _returning(None)
 )
@@ -107,9 +107,7 @@ def _after(change: Callable[[Any], None]) -> Change:
     return replacement
 
 
-@breaks(
-    "static-slip", "slipping friction at the static level", "stickslip.model.laws.table:LawTable.__init__"
-)
+@breaks("static-slip", "slipping friction at the static level", "stickslip.model.laws.table:LawTable.__init__")
 @_after
 def _static_while_slipping(coefficients: Any) -> None:
     coefficients.mu_c = coefficients.mu_s.copy()
@@ -121,9 +119,7 @@ def _no_rise(system: Any) -> None:
     system.rise[:] = 0.0
 
 
-@breaks(
-    "normal-frozen", "the level keeps the old normal force", "stickslip.equations.guards.guards:Guards.series"
-)
+@breaks("normal-frozen", "the level keeps the old normal force", "stickslip.equations.guards.guards:Guards.series")
 def _frozen_normal(original: Any) -> Any:
     """The guards of held contacts do not see that their normal forces change."""
 
@@ -135,9 +131,7 @@ def _frozen_normal(original: Any) -> Any:
     return changed
 
 
-@breaks(
-    "t-start-old", "dwell counted from the start of the run", "stickslip.equations.motion:Motion.__init__"
-)
+@breaks("t-start-old", "dwell counted from the start of the run", "stickslip.equations.motion:Motion.__init__")
 def _since_the_start(original: Any) -> Any:
     def changed(self: Any, equations: Any, stretch: Any, t: float, y: Any, since: Any) -> None:
         original(self, equations, stretch, t, y, np.minimum(since, 0.0))
@@ -153,17 +147,13 @@ def _since_now(original: Any) -> Any:
     return changed
 
 
-@breaks(
-    "one-by-one", "overloaded contacts are let go with old forces", "stickslip.events.search:Search._ratios"
-)
+@breaks("one-by-one", "overloaded contacts are let go with old forces", "stickslip.events.search:Search._ratios")
 def _first_come(original: Any) -> Any:
     """Every overloaded contact counts as overloaded as any other: all are let go with the forces they had."""
     return lambda self, *args: np.ones_like(original(self, *args))
 
 
-@breaks(
-    "none-spared", "in loops, the first to reach its level moves", "stickslip.events.search:Search._spared"
-)
+@breaks("none-spared", "in loops, the first to reach its level moves", "stickslip.events.search:Search._spared")
 def _none_spared(original: Any) -> Any:
     return lambda self, *args: np.zeros_like(original(self, *args))
 
@@ -242,17 +232,13 @@ def _to_the_end(original: Any) -> Any:
     return lambda self, t, stop: stop
 
 
-@breaks(
-    "looks-off-series", "double crossings within a series are missed", "stickslip.engines.series:first_root"
-)
+@breaks("looks-off-series", "double crossings within a series are missed", "stickslip.engines.series:first_root")
 def _by_sign(original: Any) -> Any:
     """Roots are looked for where the signs at both ends of a step differ, and only there."""
     return lambda c, *floor: original(c, *floor) if c.sum() < 0 else None
 
 
-@breaks(
-    "never-stuck", "contacts that come to rest are not found at rest", "stickslip.simulation.run:at_limit"
-)
+@breaks("never-stuck", "contacts that come to rest are not found at rest", "stickslip.simulation.run:at_limit")
 def _not_touching(original: Any) -> Any:
     """A contact whose velocity has come to 0 goes on with what is left of it."""
 
@@ -263,9 +249,7 @@ def _not_touching(original: Any) -> Any:
     return changed
 
 
-@breaks(
-    "open-by-velocity", "open contacts at rest do not show where they go", "stickslip.events.labels:_to_come"
-)
+@breaks("open-by-velocity", "open contacts at rest do not show where they go", "stickslip.events.labels:_to_come")
 def _by_velocity(original: Any) -> Any:
     return lambda motion, named, w, *rest: (np.sign(w), original(motion, named, w, *rest)[1])
 
@@ -318,9 +302,7 @@ def noticing(mutation: Mutation, rows: Sequence[Row]) -> list[str]:
     noticed: list[str] = []
     outcomes = run(rows, prepare=partial(apply, mutation.name))
     for outcome in tqdm(outcomes, total=len(rows), desc=mutation.name, leave=False):
-        if outcome.error == np.inf and outcome.remark.startswith(
-            ("AttributeError", "TypeError", "ImportError")
-        ):
+        if outcome.error == np.inf and outcome.remark.startswith(("AttributeError", "TypeError", "ImportError")):
             raise SystemExit(f"{mutation.name} does not fit the package any more: {outcome.remark}")
         if not outcome.passed:
             noticed.append(outcome.row.name)

@@ -138,9 +138,7 @@ class _Run:
             since = {j: self._since.get(j, self.t) for j in resting}
         self._since = since
         still = np.zeros(system.size)
-        now = Instant(
-            self.t, 0.0, self._x, self._v, moving, resting, since, self._reached, frozenset(), still
-        )
+        now = Instant(self.t, 0.0, self._x, self._v, moving, resting, since, self._reached, frozenset(), still)
         if system.pressed:
             now = self._pressed(now)
             self._opened = now.opened
@@ -181,9 +179,7 @@ class _Run:
         now = float(np.abs(self._v).max(initial=1e-300))
         self._speed = max(self._speed, now)
         zero = 1e-10 * self._speed if self._modes else 1e-12 * now
-        return [
-            j for j in range(len(w)) if w[j] <= zero or (j in self._reached and w[j] <= 1e-6 * self._speed)
-        ]
+        return [j for j in range(len(w)) if w[j] <= zero or (j in self._reached and w[j] <= 1e-6 * self._speed)]
 
     def _later(self, now: Instant) -> float:
         """Return when to look at the loads: just after now where a contact at rest is pressed from 0 on."""
@@ -210,9 +206,7 @@ class _Run:
         states = [motion.at(tau) for tau in grid]
         largest = np.maximum.accumulate([float(np.abs(v).max(initial=0.0)) for _, v in states])
         speed = max(self._speed, float(largest[-1]))
-        modes = [
-            self._to_come(j, states, speed) if mode is None else mode for j, mode in sorted(settled.items())
-        ]
+        modes = [self._to_come(j, states, speed) if mode is None else mode for j, mode in sorted(settled.items())]
         if closing := self._closing(settled, modes, stuck):
             # what presses it starts at 0, but it presses from now on
             self._move({**settled, **closing}, stop)
@@ -232,21 +226,14 @@ class _Run:
         self._x, self._v = (part.copy() for part in motion.at(tau))
         self.t = end
 
-    def _closing(
-        self, settled: Mapping[int, int | None], modes: Sequence[int], stuck: Sequence[int]
-    ) -> dict[int, int]:
+    def _closing(self, settled: Mapping[int, int | None], modes: Sequence[int], stuck: Sequence[int]) -> dict[int, int]:
         """Return the modes of contacts that leave rest, and whose normal force rises from 0 more slowly than a line."""
         system = self._system
-        found = {
-            j: modes[j] for j in system.pressed if settled[j] is None and j not in self._opened and modes[j]
-        }
+        found = {j: modes[j] for j in system.pressed if settled[j] is None and j not in self._opened and modes[j]}
         if found:
             slipping = {j: mode for j, mode in settled.items() if mode}
             a = system.balance(self.t, 0.0, self._x, self._v, slipping, stuck, self._opened).acceleration
-            if any(
-                abs(system.incidence[j] @ a) < 1e-9 * system.force_scale * system.mobility.max()
-                for j in found
-            ):
+            if any(abs(system.incidence[j] @ a) < 1e-9 * system.force_scale * system.mobility.max() for j in found):
                 raise Doubt(self.t, "a contact at rest whose force and level both start at 0")
         return found
 
@@ -295,9 +282,7 @@ class _Watch:
         self._slipping, self._stuck, self._since = {j: m for j, m in enumerate(modes) if m}, stuck, since
         self._cuts = cuts(system, stuck)
         self._owners = [*((j,) for j in self._slipping), *(cut.contacts for cut in self._cuts)]
-        self._owners += [
-            () for _ in system.pressed
-        ]  # they end the motion; what they are then is looked at anew
+        self._owners += [() for _ in system.pressed]  # they end the motion; what they are then is looked at anew
         slips = len(self._slipping)
         self._zero = np.full(len(self._owners), 1e-13 * system.force_scale)
         self._zero[:slips] = 1e-14 * speed

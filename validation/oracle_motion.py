@@ -93,9 +93,7 @@ class Exponential:
         reaction = system.incidence[list(stuck)].T @ (system.holding(stuck) @ accelerations)
         return (system.mobility * reaction.T).T
 
-    def _free(
-        self, system: System, start: float, tau: float, modes: Mapping[int, int], stuck: Sequence[int]
-    ) -> Array:
+    def _free(self, system: System, start: float, tau: float, modes: Mapping[int, int], stuck: Sequence[int]) -> Array:
         """Return the accelerations of bodies at x = 0, v = 0, drives too."""
         loads = system.loads(start, tau)
         force = loads.force + system.rest

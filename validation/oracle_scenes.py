@@ -100,9 +100,7 @@ def wheels(seed: int, loops: bool = False, dampers: bool = False, opened: bool =
     for k in range(draw.whole(1, 3 if loops else 2)):
         wheel = f"w{draw.random.randrange(count)}"
         pulse = draw.chance(0.7)
-        normal: Load = (
-            draw.pulse(stop, draw.random.uniform(50, 400)) if pulse else _normal(draw, stop, opened)
-        )
+        normal: Load = draw.pulse(stop, draw.random.uniform(50, 400)) if pulse else _normal(draw, stop, opened)
         contacts.append(draw.contact(f"brake{k}", wheel, "ground", normal))
     if draw.chance(0.2):
         join("bearing", f"w{draw.random.randrange(count)}", "ground")
@@ -156,9 +154,7 @@ def blocks(seed: int) -> Scene:
         }
         for i in range(count)
     ]
-    plate = draw.one(
-        [0.1, draw.number(0.05, 0.4, 2), draw.lines(stop, -0.3, 0.4, draw.whole(2, 5), jumps=False)]
-    )
+    plate = draw.one([0.1, draw.number(0.05, 0.4, 2), draw.lines(stop, -0.3, 0.4, draw.whole(2, 5), jumps=False)])
     bodies.append({"name": "plate", "inertia": None, "velocity": plate})
     contacts = [draw.contact(f"f{i}", f"b{i}", "ground", _weight(draw, stop)) for i in range(count)]
     springs = [

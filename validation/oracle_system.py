@@ -92,9 +92,7 @@ class System:
         signals = [*loads, *self._drives.values()]
         inside = {t for s in signals for t in s.breaks if self.start < t < self.stop}
         self.breaks = sorted(inside | {self.stop})
-        self.linear = all(hasattr(s, "points") for s in signals) and not any(
-            c.get("vs") for c in self.contacts
-        )
+        self.linear = all(hasattr(s, "points") for s in signals) and not any(c.get("vs") for c in self.contacts)
         """Whether the motion between events solves linear equations."""
         sizes = [abs(factor) for c in self.contacts for *_, factor in c.get("pressed_by", [])]
         # of normal forces that depend on the state what speeds and ways of 1 make of them
@@ -155,9 +153,7 @@ class System:
         for i, load in self._forces:
             force[i] += load.after(start, tau)[0]
         moves = {i: drive.after(start, tau) for i, drive in self._drives.items()}
-        return Loads(
-            normal, force, {i: v for i, (v, _) in moves.items()}, {i: a for i, (_, a) in moves.items()}
-        )
+        return Loads(normal, force, {i: v for i, (v, _) in moves.items()}, {i: a for i, (_, a) in moves.items()})
 
     def normals(self, loads: Loads, x: Array, v: Array, opened: Collection[int] = ()) -> Array:
         """Return the normal forces, 0 of contacts that count as open; others that depend on the state have any sign."""

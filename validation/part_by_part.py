@@ -134,16 +134,12 @@ def random_forest(seed: int) -> Scene:
         for s, c in zip(rng.uniform(0.3, 0.5, 3), rng.uniform(0.1, 0.3, 3), strict=True)
     ]
     # one rubs more in one direction than in the other
-    law[1] = replace(
-        law[1], mu_static_backward=1.3 * law[1].mu_static, mu_coulomb_backward=0.6 * law[1].mu_coulomb
-    )
+    law[1] = replace(law[1], mu_static_backward=1.3 * law[1].mu_static, mu_coulomb_backward=0.6 * law[1].mu_coulomb)
     elements: list[Any] = [Drive("belt", velocity=float(rng.uniform(-0.5, 0.5)))]
     names = [f"b{i}" for i in range(n)]
     for name in names:
         x, v = rng.normal(size=2)
-        elements.append(
-            Body(name, inertia=float(rng.uniform(0.5, 3.0)), velocity=float(v), position=float(x))
-        )
+        elements.append(Body(name, inertia=float(rng.uniform(0.5, 3.0)), velocity=float(v), position=float(x)))
     roots = 0
     for i, name in enumerate(names):
         other = names[int(rng.integers(0, i))] if i and rng.random() < 0.5 else None
@@ -156,9 +152,7 @@ def random_forest(seed: int) -> Scene:
     if rng.random() < 0.8:
         for k, (a, b) in enumerate(pairwise(names)):
             if rng.random() < 0.8:
-                elements.append(
-                    Spring(a, b, stiffness=float(rng.uniform(1, 8)), damping=float(rng.choice([0, 0.2])))
-                )
+                elements.append(Spring(a, b, stiffness=float(rng.uniform(1, 8)), damping=float(rng.choice([0, 0.2]))))
             elif rng.random() < 0.5:
                 elements.append(Damper(a, b, damping=float(rng.uniform(0.1, 1.0))))
             if k % 3 == 0:
@@ -246,9 +240,7 @@ def even_chain(seed: int) -> Scene:
         upper = 1.0 if lower == 1.0 and rng.random() < 0.2 else 1.1
         elements.append(Gap(f"g{i}", a, b, lower=lower, upper=upper, stiffness=stiffness, damping=damping))
     elements.append(Gap("end", "b0", GROUND, upper=0.3, stiffness=stiffness))
-    elements.append(
-        Force("b0", piecewise_linear([0.0, 1.0, 3.0, 4.0], [float(rng.choice([0, 1])), 3.0, -3.0, 0.0]))
-    )
+    elements.append(Force("b0", piecewise_linear([0.0, 1.0, 3.0, 4.0], [float(rng.choice([0, 1])), 3.0, -3.0, 0.0])))
     return Scene(*elements)
 
 

@@ -104,9 +104,7 @@ def belt_cycle(formulation: str) -> Answer:
     events = changes(result)
     require([e[2:] for e in events] == [(0, -1), (-1, 0)] * 3 + [(0, -1)], f"events {events}")
     t = [e[0] for e in events]
-    cycles = [
-        (t[i + 1] - t[i], t[i + 2] - t[i + 1], t[i + 2] - t[i], _highest(result, t[i])) for i in (0, 2, 4)
-    ]
+    cycles = [(t[i + 1] - t[i], t[i + 2] - t[i + 1], t[i + 2] - t[i], _highest(result, t[i])) for i in (0, 2, 4)]
     return worst(cycles, [BELT_CYCLE] * 3, 1.0), "slip {:.12g} s, stick {:.12g} s".format(*cycles[-1])
 
 

@@ -126,9 +126,7 @@ class _Draw:
             velocity: Signal | float = m * self._number(-1, 1)
             if self._chance(0.5):
                 frequency = 0.5 * self._one(1, 2)
-                velocity = sine(
-                    m * self._number(0.2, 1.0), frequency, phase=-2 * math.pi * frequency * self._later
-                )
+                velocity = sine(m * self._number(0.2, 1.0), frequency, phase=-2 * math.pi * frequency * self._later)
             drives.append(Drive("drive", velocity=velocity))
             fixed.append("drive")
         for i, name in enumerate(names):

@@ -82,9 +82,7 @@ def write(outcomes: Sequence[Outcome], folder: Path, command: str, seconds: floa
 def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
     failed = [o for o in outcomes if not o.passed]
     themes = list(dict.fromkeys(o.row.theme for o in outcomes))
-    verdict = (
-        f"All {len(outcomes)} rows pass" if not failed else f"{len(failed)} of {len(outcomes)} rows fail"
-    )
+    verdict = f"All {len(outcomes)} rows pass" if not failed else f"{len(failed)} of {len(outcomes)} rows fail"
     parts = [
         "<!doctype html><html lang=en><head><meta charset=utf-8><title>Validation of stickslip</title>",
         "<meta name=viewport content='width=device-width'>",
@@ -115,9 +113,7 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
         parts.append(f"<h2 id='{_anchor(theme)}'>{escape(theme)} {good}</h2>")
         parts.append(f"<p>{escape(ABOUT.get(theme, ''))}</p>")
         parts += [
-            _story(story(), unit)
-            for start, story, unit in STORIES
-            if any(o.row.name.startswith(start) for o in chosen)
+            _story(story(), unit) for start, story, unit in STORIES if any(o.row.name.startswith(start) for o in chosen)
         ]
         parts.append(_table(chosen))
     packages = ("stickslip", "numpy", "scipy", "scikit-sundae", "mpmath")
@@ -190,9 +186,7 @@ def _overview(outcomes: Sequence[Outcome], themes: Sequence[str]) -> Figure:
 def _story(story: Story, unit: str) -> str:
     """Draw a motion: as computed and exact, the error, the modes."""
     figure = Figure(figsize=(10, 5.6), layout="constrained")
-    top, middle, low = figure.subplots(
-        3, 1, sharex=True, height_ratios=(3, 2, 0.5 + 0.25 * len(story.scene.contacts))
-    )
+    top, middle, low = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 0.5 + 0.25 * len(story.scene.contacts)))
     results = {f: simulated(story, f) for f in FORMULATIONS}
     first = results["contact-force"]
     last = 1.3 * story.events[-1][0]

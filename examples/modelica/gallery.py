@@ -202,9 +202,7 @@ CASES = {
         end=(("position", "load", 0.1628616428799686), ("velocity", "load", -0.1381452799183233)),
     ),
     "CoupledClutches": Case(coupled_clutches, 1.5, tuple(f"velocity J{k}" for k in range(1, 5))),
-    "Backlash": Case(
-        backlash, 1.0, ("position without", "position with"), end=(("position", "without", SWINGS),)
-    ),
+    "Backlash": Case(backlash, 1.0, ("position without", "position with"), end=(("position", "without", SWINGS),)),
     "OneWayClutch": Case(
         one_way_clutch,
         2.0,
@@ -213,9 +211,7 @@ CASES = {
         ONE_WAY,
         (("velocity", "in", -0.25), ("position", "in", -0.2123499945496375)),
     ),
-    "OneWayClutchDisengaged": Case(
-        one_way_clutch_disengaged, 2.0, ("velocity in", "velocity out"), "free", (LETS_GO,)
-    ),
+    "OneWayClutchDisengaged": Case(one_way_clutch_disengaged, 2.0, ("velocity in", "velocity out"), "free", (LETS_GO,)),
     "ElasticBearing": Case(elastic_bearing, 10.0, ("velocity shaft", "velocity load", "velocity housing")),
     "SimpleGearShift": Case(
         simple_gear_shift,

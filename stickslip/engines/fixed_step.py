@@ -100,9 +100,7 @@ class FixedStep:
         self.work.rate_calls += self._scheme.stages * count
         return ys
 
-    def _until_a_change(
-        self, motion: Motion, guards: Guards, ends: Array, ys: Array
-    ) -> tuple[int, bool, bool]:
+    def _until_a_change(self, motion: Motion, guards: Guards, ends: Array, ys: Array) -> tuple[int, bool, bool]:
         """Return how many steps hold, whether a guard ended them, and whether anything did."""
         sound = int(np.append(np.isfinite(ys).all(axis=1), False).argmin())
         taus, ys = ends[1 : sound + 1], ys[:sound]
@@ -155,9 +153,7 @@ class _Taken:
         h = np.diff(taus)[:, None]
         rise = np.diff(states, axis=0)
         first, second = h * rates[:-1], h * rates[1:]
-        coefficients = np.stack(
-            [states[:-1], first, 3 * rise - 2 * first - second, first + second - 2 * rise], axis=1
-        )
+        coefficients = np.stack([states[:-1], first, 3 * rise - 2 * first - second, first + second - 2 * rise], axis=1)
         return Path(taus, coefficients, states[-1], hit)
 
 

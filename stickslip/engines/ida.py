@@ -55,9 +55,7 @@ class Ida:
 
         return follow(motion, guards, horizon, solve, self._task.interruption, self._reach)
 
-    def _solve(
-        self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress
-    ) -> Path:
+    def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
         lookout = Lookout(guards, self._task.interruption, work)
 
@@ -189,9 +187,7 @@ class _Residual:
             return
         self._rates = scipy.sparse.csr_array(self._rates)
         by_states = abs(scipy.sparse.csr_array(self._by_states(0.0, self._motion.y)))
-        self.pattern, self._places = sparsity_pattern(
-            by_states + abs(self._rates) + scipy.sparse.eye_array(total)
-        )
+        self.pattern, self._places = sparsity_pattern(by_states + abs(self._rates) + scipy.sparse.eye_array(total))
 
     def _by_rates(self) -> Any:
         """Return ``dR/du'``, dense or sparse as the scene is."""

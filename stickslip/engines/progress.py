@@ -75,9 +75,7 @@ class Progress:
         the time is not a number, because SUNDIALS' own tests let such steps pass, for ever.
         """
         if math.isnan(tau):
-            raise ArithmeticError(
-                "the step has become not a number: forces or tolerances are out of proportion"
-            )
+            raise ArithmeticError("the step has become not a number: forces or tolerances are out of proportion")
         self.last = tau
         self._calls += 1
         if self._calls % _CALLS_BETWEEN_SIGNS:

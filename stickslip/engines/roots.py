@@ -24,18 +24,14 @@ _FAR_DOWN = 0.1
 @lru_cache(maxsize=64)
 def _to_bernstein(order: int) -> Array:
     """Return the matrix from powers to Bernstein coefficients of the same order."""
-    rows = [
-        [comb(i, k) / comb(order, k) if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)
-    ]
+    rows = [[comb(i, k) / comb(order, k) if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)]
     return np.array(rows)
 
 
 @lru_cache(maxsize=64)
 def _halves(order: int) -> tuple[Array, Array]:
     """Return the matrices from Bernstein coefficients to those of the left and of the right half."""
-    left = np.array(
-        [[comb(i, k) / 2.0**i if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)]
-    )
+    left = np.array([[comb(i, k) / 2.0**i if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)])
     return left, left[::-1, ::-1].copy()
 
 
@@ -77,9 +73,7 @@ def first_root(
     return found
 
 
-def first_touch(
-    coefficients: Array, floor: float, bernstein: Array | None = None
-) -> tuple[float | None, bool]:
+def first_touch(coefficients: Array, floor: float, bernstein: Array | None = None) -> tuple[float | None, bool]:
     """Return where in (0, 1] a polynomial first becomes negative or touches 0, and whether it only touches.
 
     It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.

@@ -104,9 +104,7 @@ class Series:
             )
         return path
 
-    def _past_bounds(
-        self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float
-    ) -> _Step | None:
+    def _past_bounds(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float) -> _Step | None:
         """Return a step on which no guard comes to 0, whatever levels rise and sines push meanwhile.
 
         A level that rises with its dwell is not below what it would be without rising any more, and a sine lowers no
@@ -128,9 +126,7 @@ class Series:
         weights = step.root ** np.arange(step.terms.shape[0])
         return step._replace(terms=step.terms * weights[:, None], h=step.root * step.h, root=None)
 
-    def _step(
-        self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, frozen: bool
-    ) -> _Step:
+    def _step(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, frozen: bool) -> _Step:
         """Expand the motion at local time `tau`, and look for the first root of a guard within reach."""
         straight = motion.is_straight and not motion.is_rising(tau)
         polynomial = motion.is_polynomial and (frozen or straight)
@@ -209,9 +205,7 @@ class Series:
             return float((motion.system.abs_G[[guards.row[i]]] @ self._speed)[0])
         return float(guards.value_scale[i])
 
-    def _first(
-        self, g: Array, motion: Motion, guards: Guards, first: float | None
-    ) -> tuple[float | None, int, bool]:
+    def _first(self, g: Array, motion: Motion, guards: Guards, first: float | None) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""
         close, bernstein = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
@@ -223,9 +217,7 @@ class Series:
         columns = list(zip(close.tolist(), bernstein.T, strict=True))
         if len(columns) > 1:
             # the one first that seems to come first: of others only what comes before is of interest
-            columns.sort(
-                key=lambda one: float(one[1][0] - one[1][-1]) / (float(one[1][0]) or 1.0), reverse=True
-            )
+            columns.sort(key=lambda one: float(one[1][0] - one[1][-1]) / (float(one[1][0]) or 1.0), reverse=True)
         for i, b in columns:
             c, own = g[:, i], b
             if found is not None:

@@ -89,10 +89,7 @@ class Stability:
         found: dict[int, list[int]] = {}
         for j in np.flatnonzero(near.any(axis=1)).tolist():
             found.setdefault(int(np.where(near[j], np.abs(w[j]), np.inf).argmin()), []).append(j)
-        return [
-            (k, states[k] - scipy.sparse.linalg.lsqr(rows[js], w[js, k], atol=1e-12)[0])
-            for k, js in found.items()
-        ]
+        return [(k, states[k] - scipy.sparse.linalg.lsqr(rows[js], w[js, k], atol=1e-12)[0]) for k, js in found.items()]
 
     def _judge(self, jacobian: Any, h: float) -> None:
         """Raise `Unstable` if a step is too long for a Jacobian."""
@@ -128,9 +125,7 @@ def _eigenvalues(jacobian: Any) -> Complex:
     start = np.cos(np.arange(size))  # a start of its own would not be the same in the next run
     try:
         return np.asarray(
-            scipy.sparse.linalg.eigs(
-                scipy.sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False
-            )
+            scipy.sparse.linalg.eigs(scipy.sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False)
         )
     except scipy.sparse.linalg.ArpackError:
         return np.empty(0, dtype=np.complex128)

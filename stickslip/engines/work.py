@@ -59,9 +59,7 @@ class Interrupted(KeyboardInterrupt):
 
 def grows(path: Path) -> SolverFailure:
     """Return the failure of a motion that goes on beyond all bounds after a path."""
-    return SolverFailure(
-        f"the motion grows beyond {BEYOND:g}: something feeds it without end", LOOK_AT_SCENE, path
-    )
+    return SolverFailure(f"the motion grows beyond {BEYOND:g}: something feeds it without end", LOOK_AT_SCENE, path)
 
 
 def within_bounds(points: Array) -> int:

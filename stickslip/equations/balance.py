@@ -183,9 +183,7 @@ class Balance:
 
     def _respond(self, forces: Array) -> Array:
         is_sparse = self._is_sparse
-        found: Array = (
-            self.T @ (self._reduced @ (self._TT @ forces)) if is_sparse else self._mobility @ forces
-        )
+        found: Array = self.T @ (self._reduced @ (self._TT @ forces)) if is_sparse else self._mobility @ forces
         return found
 
     def held_forces(self, forces: Array, acceleration: Array, drives: Array | None = None) -> Array:

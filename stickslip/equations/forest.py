@@ -109,9 +109,7 @@ class Forest:
         aside = (~self.in_tree & ~system.is_gap & ~system.is_tie).nonzero()[0]
         self.aside_from, self.aside_at = _by_end(a, b, aside, n)
         self.row_of: Indices | None = None
-        if not contacts.size or (
-            self.parent[contacts].max() < 0 and np.bincount(self.child[contacts]).max() == 1
-        ):
+        if not contacts.size or (self.parent[contacts].max() < 0 and np.bincount(self.child[contacts]).max() == 1):
             self.row_of = np.full(n, -1)
             self.row_of[self.child[contacts]] = contacts
         self._couple(system)
@@ -165,9 +163,7 @@ class Forest:
         full = scipy.sparse.csr_array(system.C)
         velocity = full[:, :n]
         position = full[:, system.moved_state].tocoo()
-        position = scipy.sparse.csr_array(
-            (position.data, (position.row, system.moved[position.col])), shape=(n, n)
-        )
+        position = scipy.sparse.csr_array((position.data, (position.row, system.moved[position.col])), shape=(n, n))
         self.is_coupled = bool(full.nnz or system.is_gap.any())
         both = (abs(velocity) + abs(position)).tocoo()
         self.neighbours: list[list[int]] = [[] for _ in range(n)]
@@ -178,9 +174,7 @@ class Forest:
         ends = np.stack([self.child, self.parent], axis=1)[self.gaps]
         gap, one, other = ((ends[:, :, None] >= 0) & (ends[:, None, :] >= 0)).nonzero()
         own_i, own_k = ends[gap, one], ends[gap, other]
-        keys, place = np.unique(
-            np.concatenate([both.row * n + both.col, own_i * n + own_k]), return_inverse=True
-        )
+        keys, place = np.unique(np.concatenate([both.row * n + both.col, own_i * n + own_k]), return_inverse=True)
         i, k = keys // n, keys % n
         self.near = k.astype(np.intp)
         self.near_from = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
@@ -232,14 +226,10 @@ class Forest:
         before = _series(k_own * low**2, c_own * low, 0.0, 0.0, None, 0.0, _ORDER + 2)
         while before.sum() > _REMAINDER and self.hops < _MOST_HOPS:
             self.hops += 1
-            before = _series(
-                k_own * low**2, c_own * low, k_near * low**2, c_near * low, before, 0.0, _ORDER + 2
-            )
+            before = _series(k_own * low**2, c_own * low, k_near * low**2, c_near * low, before, 0.0, _ORDER + 2)
 
 
-def _series(
-    k: float, c: float, k_near: float, c_near: float, before: Array | None, x: float, order: int
-) -> Array:
+def _series(k: float, c: float, k_near: float, c_near: float, before: Array | None, x: float, order: int) -> Array:
     """Return the terms of ``v' = k x + c v`` (`x` and 1 at the start, or led by the terms before), ``x' = v``."""
     v, p = np.zeros(order + 1), np.zeros(order + 1)
     v[0], p[0] = (1.0, x) if before is None else (0.0, 0.0)
@@ -263,9 +253,7 @@ def _by_end(a: Indices, b: Indices, rows: Indices, n: int) -> tuple[Indices, Ind
     """Return where those of some rows begin that end at each body, and these rows, body by body."""
     second = rows[b[rows] >= 0]
     ends, own = np.concatenate([a[rows], b[second]]), np.concatenate([rows, second])
-    return np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))]), own[
-        np.argsort(ends, kind="stable")
-    ]
+    return np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))]), own[np.argsort(ends, kind="stable")]
 
 
 def spans(starts: Indices, some: Indices) -> Indices:

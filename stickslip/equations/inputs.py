@@ -141,9 +141,7 @@ class Inputs:
             friction = self.equations.force_in_floats
             dependence.enter_columns(columns, q, y, t, friction, self.table_regions)
         ages, rates = self._age.tolist(), self._rate.tolist()
-        for place, row, age, rate in zip(
-            places.tolist(), self._rising_rows.tolist(), ages, rates, strict=True
-        ):
+        for place, row, age, rate in zip(places.tolist(), self._rising_rows.tolist(), ages, rates, strict=True):
             q[inputs + place, columns.add(_withheld, [columns.line(-age, -rate), q[row]])] = 1.0
         return columns, q
 
@@ -241,9 +239,7 @@ class Inputs:
 
     # -- series --------------------------------------------------------------------------------------------
 
-    def decay(
-        self, tau: float, order: int, scale: float, frozen: bool
-    ) -> tuple[Indices, Indices, Array] | None:
+    def decay(self, tau: float, order: int, scale: float, frozen: bool) -> tuple[Indices, Indices, Array] | None:
         """Return the rows whose static coefficients rise, the places of their dwells, and the series of these.
 
         With `frozen` they keep the values that they have at `tau`.
@@ -369,9 +365,7 @@ class Inputs:
     def _slopes_by_arguments(self) -> list[Array]:
         assert self.dependence is not None
         y = self.exact(0.0, self.y)
-        return self.dependence.slopes_by_arguments(
-            self.start_inputs, y, self.t, 0.0, self, self.table_regions
-        )
+        return self.dependence.slopes_by_arguments(self.start_inputs, y, self.t, 0.0, self, self.table_regions)
 
 
 class Linked:

@@ -116,8 +116,7 @@ class ModeEquations:
         # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (self.velocity_dependent.size > 0 or self.is_small)
         self.is_assembled = not system.sparse or (
-            (self.velocity_dependent.size > 0 or system.has_couplings)
-            and self.balance.reach <= _NEAR * system.n
+            (self.velocity_dependent.size > 0 or system.has_couplings) and self.balance.reach <= _NEAR * system.n
         )
 
     # -- rows ------------------------------------------------------------------------------------------------
@@ -145,9 +144,7 @@ class ModeEquations:
         rows = self.velocity_dependent = velocity_dependent_in(modes, system).nonzero()[0]
         directions = np.where(np.abs(modes) == 1, modes, 0)[rows]
         self.law = VelocityDependentForces([system.laws.laws[j] for j in rows.tolist()], directions)
-        self.bristle_places = np.array(
-            [system.bristle_state[j] for j in rows[self.law.bristles]], dtype=np.intp
-        )
+        self.bristle_places = np.array([system.bristle_state[j] for j in rows[self.law.bristles]], dtype=np.intp)
         self._alone: dict[int, VelocityDependentForces] = {}
         self._mobility: dict[int, float] = {}
 
@@ -420,9 +417,7 @@ class ModeEquations:
             own = self.shares @ (forces - inertia * acceleration)
             parts.append((slice(first, first + self.at_level.size), own))
         if borders is not None:
-            parts.append(
-                (slice(size + self.watched_count - self.borders.size, size + self.watched_count), borders)
-            )
+            parts.append((slice(size + self.watched_count - self.borders.size, size + self.watched_count), borders))
         return stacked(size + self.watched_count, parts)
 
     def consistent(self, y: Array, u: Array) -> Array:

@@ -96,9 +96,7 @@ class Motion(Inputs):
 
     # -- rates -----------------------------------------------------------------------------------------------
 
-    def law_arguments(
-        self, tau: float | Array, y: Array, q: Array | None = None
-    ) -> tuple[Array, Array, Array, Array]:
+    def law_arguments(self, tau: float | Array, y: Array, q: Array | None = None) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the velocity-dependent rows.
 
         The inputs `q` need not be given.
@@ -137,12 +135,7 @@ class Motion(Inputs):
     def _lines(self) -> _Lines | None:
         """What the inputs of a motion do whose maps are put together, where they are lines."""
         system, equations = self.system, self.equations
-        if (
-            not equations.is_assembled
-            or self.rises_push
-            or not self.is_straight
-            or self.dependence is not None
-        ):
+        if not equations.is_assembled or self.rises_push or not self.is_straight or self.dependence is not None:
             return None
         value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs_and_dwells)
         slope[: system.inputs] = self.segment.slope
@@ -374,9 +367,7 @@ class Motion(Inputs):
         entries = (found[places], (places[0], dependence.columns[places[1]]))
         matrix = scipy.sparse.csr_array(entries, shape=(size, size))
         if equations.dependent.size:
-            fold = scipy.sparse.block_diag(
-                [equations.balance.T, scipy.sparse.eye_array(size - n)], format="csr"
-            )
+            fold = scipy.sparse.block_diag([equations.balance.T, scipy.sparse.eye_array(size - n)], format="csr")
             matrix = scipy.sparse.csr_array(matrix @ fold)
         return matrix
 
@@ -409,9 +400,7 @@ class Motion(Inputs):
         size = system.size
         swings = self.segment.has_waves and not (frozen and self.waves_rest)
         if equations.is_small and not (self._rises_with_state or (swings and self._rises_with_waves)):
-            taylor = equations.taylor(
-                order, frozen, self.table_regions, self.segment.waves if swings else NO_WAVES
-            )
+            taylor = equations.taylor(order, frozen, self.table_regions, self.segment.waves if swings else NO_WAVES)
             if taylor is not None and taylor.reaches(scale):
                 found = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
                 own = found[:, :size]
@@ -450,9 +439,7 @@ class Motion(Inputs):
         x = self._extended(tau, y)
         return taylor.derivatives(np.concatenate([x, self.segment.swings(self.t + tau)]) if swings else x)
 
-    def magnitudes(
-        self, order: int, from_rates: bool = False, of_time: bool = False
-    ) -> list[tuple[Array, Array]]:
+    def magnitudes(self, order: int, from_rates: bool = False, of_time: bool = False) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
 
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled, or, if
@@ -495,9 +482,7 @@ class Motion(Inputs):
         rate, z0 = found[:size], found[size:]
         q1 = self._input_rate(0.0, self.y, rate)
         slope = self._slope(0.0, self.y, rate, q0, q1)
-        return Expansion(
-            np.array([self.y, rate, 0.5 * slope[:size]]), np.array([q0, q1]), np.array([z0, slope[size:]])
-        )
+        return Expansion(np.array([self.y, rate, 0.5 * slope[:size]]), np.array([q0, q1]), np.array([z0, slope[size:]]))
 
     @cached_property
     def start(self) -> Expansion:

@@ -85,9 +85,7 @@ class Path:
         return Path(np.append(self.taus[: i + 1], tau), pieces, self.state(tau), False, self.is_chebyshev)
 
 
-def values(
-    coefficients: Array, step: Indices, s: Array, is_chebyshev: bool, integrated: bool = False
-) -> Array:
+def values(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool, integrated: bool = False) -> Array:
     """Return the values of the polynomials of some steps at places from 0 to 1, or their integrals from 0 on."""
     _, terms, size = coefficients.shape
     weights = np.ascontiguousarray(_weights(s, terms, is_chebyshev, integrated))
@@ -125,9 +123,7 @@ def chebyshev_values(x: Array, order: int) -> Array:
     if x.size * order > _FEW:
         return np.asarray(chebvander(x, order))
     # for a few places this takes a fourth of the time
-    return np.asarray(
-        np.cos(np.multiply.outer(np.arccos(np.minimum(np.maximum(x, -1.0), 1.0)), np.arange(order + 1)))
-    )
+    return np.asarray(np.cos(np.multiply.outer(np.arccos(np.minimum(np.maximum(x, -1.0), 1.0)), np.arange(order + 1))))
 
 
 @lru_cache(maxsize=32)

@@ -88,9 +88,7 @@ class System:
         remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (60_000 + 20 * (n + m) ** 2)
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
-        self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
-            self._balance
-        )
+        self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(self._balance)
         self._components = Components(self.inertia, self.G, self.D)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
         self.decays = lru_cache(maxsize=8)(self._decays)
@@ -146,9 +144,7 @@ class System:
             if linear is not None
         }
         self._rates = {
-            place.first + k: form
-            for place in self.blocks.values()
-            for k, form in enumerate(reader.rates(place.block))
+            place.first + k: form for place in self.blocks.values() for k, form in enumerate(reader.rates(place.block))
         }
         sampled = [
             (place, place.block, [reader.form(u, place.block.label) for u in place.block.quantities()])
@@ -202,9 +198,7 @@ class System:
     def _place(self, key: Key) -> int:
         """Return where an input stands."""
         kind, number, which = key
-        return (
-            int(self._first_of_node[number]) + which if kind == "node" else self._first_of_kind[kind] + number
-        )
+        return int(self._first_of_node[number]) + which if kind == "node" else self._first_of_kind[kind] + number
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
@@ -334,9 +328,7 @@ class System:
                     acts.add(i, k, -c)
         regions = [(region, row.name) for row in rows.values() for region in row.regions]
         values = self._expressions([(region.value, name) for region, name in regions])
-        borders = self._expressions(
-            [(border, name) for region, name in regions for border, _ in region.borders]
-        )
+        borders = self._expressions([(border, name) for region, name in regions for border, _ in region.borders])
         return PiecewiseMatrices(rows, self.matrix(acts, (self.n, len(rows))), values, borders)
 
     def _expressions(self, found: Sequence[tuple[Array, str]]) -> tuple[Any, Any]:
@@ -419,9 +411,7 @@ class System:
                     after[place.first : place.first_held] = block.call("update", t, x, u, place.states, True)
             except ValueError as error:
                 given = ", ".join(f"{value:.9g}" for value in u.tolist())
-                raise ValueError(
-                    f"{block.label}: {error} at t = {t:.9g} s with the inputs ({given})"
-                ) from error
+                raise ValueError(f"{block.label}: {error} at t = {t:.9g} s with the inputs ({given})") from error
         return after
 
     def observed_values(
@@ -449,8 +439,7 @@ class System:
             return x
         u = self.inputs_of(place, y, q)
         columns = [
-            block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False)
-            for k in range(t.size)
+            block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False) for k in range(t.size)
         ]
         return np.array(columns).reshape(t.size, place.outputs).T
 
@@ -499,9 +488,7 @@ class System:
 
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-        return Balance(
-            self.inertia, self.G[rows], self.D[rows], lambda some: self._components.component(rows[some])
-        )
+        return Balance(self.inertia, self.G[rows], self.D[rows], lambda some: self._components.component(rows[some]))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""

@@ -83,9 +83,7 @@ def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:
     return np.asarray(found[:, rows])
 
 
-def _first(
-    rows: Indices, G: Array, growing: Array, push: Array, limits: Array
-) -> tuple[Indices, Array] | None:
+def _first(rows: Indices, G: Array, growing: Array, push: Array, limits: Array) -> tuple[Indices, Array] | None:
     """Return the rows of a single loop that come to their limits first where forces grow as given, and where to."""
     forces = np.linalg.lstsq(G.T, push, rcond=None)[0]
     side = np.sign(growing)

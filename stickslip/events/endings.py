@@ -180,9 +180,7 @@ def jumped(
     return Jump(np.asarray(change > SAME * speed), y, sides, hit, found)
 
 
-def _slowest_flight(
-    motion: Motion, path: Path, q: Array, hit: Mask, ahead: float, errors: Array | None
-) -> float:
+def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask, ahead: float, errors: Array | None) -> float:
     """Return the speed below which stops that are hit come back before it can be told that they have left.
 
     A stop is ``v^2 / 2 a`` away at most, where the acceleration a is what those of its ends add up to. A solver knows

@@ -76,9 +76,7 @@ def _to_come(
     return named, died
 
 
-def _first_terms(
-    motion: Motion, order: int, slow: Array, uncertain: Array, still: float
-) -> tuple[Array, Mask]:
+def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array, still: float) -> tuple[Array, Mask]:
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)

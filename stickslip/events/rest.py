@@ -54,11 +54,7 @@ def _until_unseen_crossing(motion: Motion, path: Path, uncertain: Array, rows: I
             # where it is farthest beyond 0 the velocity is constant
             at = left + int(np.argmin(w[k, left:right]))
             tau = float(path.taus[at])
-            if (
-                not tau
-                or w[k, at] <= -uncertain[k]
-                or not _stopped(motion, tau, path.state(tau), int(row[0]))
-            ):
+            if not tau or w[k, at] <= -uncertain[k] or not _stopped(motion, tau, path.state(tau), int(row[0])):
                 continue
 
             def signed(tau: float, row: Indices = row) -> float:

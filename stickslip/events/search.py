@@ -134,9 +134,7 @@ class Search:
         while True:
             equations = equations_in(trial, self._system, self._regions)
             motion = Motion(equations, self._segment, self._now.t, self._y, self._now.since)
-            guards = Guards(
-                motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty
-            )
+            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty)
             seen.add(self._regions.tobytes())
             if not equations.borders.size:
                 return motion, guards
@@ -300,9 +298,7 @@ class Search:
         rest = motion.equations.is_held.copy()
         rest[rows] = False
         others = system.balance(rest)
-        count = [
-            np.bincount(self._part_of[b.dependent], minlength=len(self._parts)) for b in (balance, others)
-        ]
+        count = [np.bincount(self._part_of[b.dependent], minlength=len(self._parts)) for b in (balance, others)]
         part = self._part[rows]
         torn = part[self._torn(motion, others, rows)]
         return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
@@ -395,9 +391,7 @@ class Search:
 
     def _combinations(self, rows: Indices, trial: Modes) -> Iterator[Modes]:
         system = self._system
-        choices = [
-            (0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows
-        ]
+        choices = [(0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows]
         for values in sorted(product(*choices), key=np.count_nonzero):
             found = trial.copy()
             found[rows] = values

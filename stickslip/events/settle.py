@@ -62,9 +62,7 @@ def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, large
     return np.where(changes, np.where(closed, last.labels, OPEN), modes).astype(np.int8)
 
 
-def comes_to_rest(
-    last: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False
-) -> bool:
+def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False) -> bool:
     """Tell whether a row that moves, or one of some others, is at rest at the end of a motion, but for roundoff.
 
     `q` are the inputs from there on.
@@ -242,9 +240,7 @@ def _settled(
     # a law that does not stick has no rest but where it carries no force
     resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
-    if now.labels is not None and (
-        velocity_uncertainty is not None or np.count_nonzero(closed) < closed.size
-    ):
+    if now.labels is not None and (velocity_uncertainty is not None or np.count_nonzero(closed) < closed.size):
         named, resting = _directions(now, w, closed, resting, velocity_uncertainty)
     candidates = closed & resting
     y = _project(system, now.y, u, candidates)
@@ -279,9 +275,7 @@ def _settled(
         # the sign of what has died away is a solver's error
         watched = np.where(died, 0, shown).astype(np.int8)
         if np.count_nonzero(watched[is_open] != labels[is_open]):
-            guards = Guards(
-                motion, watched, search.at_rest(watched), now.at_level(system), velocity_uncertainty
-            )
+            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), velocity_uncertainty)
     if system.piecewise.count:
         shown = system.piecewise.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards)
@@ -300,9 +294,7 @@ def _stopped_by(motion: Motion, candidates: Mask) -> Mask | None:
     return caught | locked if locked.any() else None
 
 
-def _tried_first(
-    system: System, labels: Modes, w: Array, now: Situation, closed: Mask, at_stop: Mask
-) -> Modes:
+def _tried_first(system: System, labels: Modes, w: Array, now: Situation, closed: Mask, at_stop: Mask) -> Modes:
     """Return the modes in which all rows at rest are held that can carry a force."""
     trial = labels
     if not system.all_hard:

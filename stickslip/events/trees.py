@@ -73,9 +73,7 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
         worst = int(order[-1])
         if ratio[worst] < 1 - _CLEAR:
             break
-        if (np.abs(ratio - 1) <= _CLEAR).any() or (
-            order.size > 1 and ratio[order[-2]] >= ratio[worst] * (1 - _CLEAR)
-        ):
+        if (np.abs(ratio - 1) <= _CLEAR).any() or (order.size > 1 and ratio[order[-2]] >= ratio[worst] * (1 - _CLEAR)):
             return None
         _release(tree, forest, mode, force, int(held[worst]), 1 if shares[worst] > 0 else -1, place, above)
     moving = mode.nonzero()[0]

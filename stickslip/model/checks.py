@@ -71,9 +71,7 @@ def finite(value: Any, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         remedy = "; give it in SI units, without quotes" if isinstance(value, str) else ""
         if callable(value) or hasattr(value, "_not_linear"):  # a function or a load
-            remedy = (
-                "; what changes with time or the motion is a Force(body, load) or a contact's normal=load"
-            )
+            remedy = "; what changes with time or the motion is a Force(body, load) or a contact's normal=load"
         raise TypeError(f"{what} must be a number, got {value!r}{remedy}")
     try:
         number = float(value)
@@ -172,9 +170,7 @@ def _arguments(maker: Callable[..., Any]) -> dict[str, bool]:
     return {name: one.default is one.empty for name, one in arguments.items()}
 
 
-def check_takes(
-    function: Callable[..., Any], count: int, what: str, arguments: str, named: Iterable[str] = ()
-) -> None:
+def check_takes(function: Callable[..., Any], count: int, what: str, arguments: str, named: Iterable[str] = ()) -> None:
     """Refuse a function that cannot be called with so many arguments, and some by name.
 
     One that does not tell is taken as it is.
@@ -188,9 +184,7 @@ def check_takes(
     try:
         signature.bind(*[0.0] * count, **dict.fromkeys(named, 0.0))
     except TypeError:
-        raise TypeError(
-            f"{what} must take {arguments}, but it is declared as {signature}: {function!r}"
-        ) from None
+        raise TypeError(f"{what} must take {arguments}, but it is declared as {signature}: {function!r}") from None
 
 
 def name_of(function: Callable[..., Any]) -> str:

@@ -43,10 +43,7 @@ def crossings(
             if v0 * (extremum := value(turn)) < 0 and abs(extremum) > roundoff:
                 points.insert(1, (turn, extremum))
         for (a, va), (b, vb) in pairwise(points):
-            if (
-                min(va, vb) < 0 < max(va, vb)
-                and left + near < (zero := root_between(value, a, b)) < right - near
-            ):
+            if min(va, vb) < 0 < max(va, vb) and left + near < (zero := root_between(value, a, b)) < right - near:
                 yield zero
 
 

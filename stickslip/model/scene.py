@@ -186,9 +186,7 @@ class Scene:
             if not isinstance(quantity, OfRow):
                 continue
             if quantity.row not in rows:
-                raise ValueError(
-                    f"{label}: no contact is called {quantity.row!r}; known are {listed(rows) or 'none'}"
-                )
+                raise ValueError(f"{label}: no contact is called {quantity.row!r}; known are {listed(rows) or 'none'}")
             row = rows[quantity.row]
             if isinstance(quantity, Normal) and not isinstance(row, (Contact, Gap)):
                 raise ValueError(
@@ -248,9 +246,7 @@ class Scene:
                 "springs, dampers and forces are called 'springs[0]' and so on"
             )
         if len(places) > 1:
-            raise ValueError(
-                f"Scene.replace: a body and a contact are both called {name!r}; rename one of them"
-            )
+            raise ValueError(f"Scene.replace: a body and a contact are both called {name!r}; rename one of them")
         old = every[places[0]]
         check_entries(type(old), type(old).__name__, vars(old) | changes, f"Scene.replace: {old.label}")
         return self._with(replace(e, **changes) if k == places[0] else e for k, e in enumerate(every))
@@ -265,9 +261,7 @@ class Scene:
         """
         if not callable(change):
             raise TypeError(f"Scene.with_laws: change must be a function of a law, got {change!r}")
-        return self._with(
-            replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements
-        )
+        return self._with(replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements)
 
     def _with(self, elements: Iterable[Element]) -> Scene:
         """Return a scene of other elements that is otherwise this one."""

@@ -37,9 +37,7 @@ def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
         )
     for (t0, v0), (t1, v1) in pairwise(zip(times, values, strict=True)):
         if t1 < t0:
-            raise ValueError(
-                f"piecewise_linear: times must not decrease, got {t1:g} after {t0:g}; sort the points"
-            )
+            raise ValueError(f"piecewise_linear: times must not decrease, got {t1:g} after {t0:g}; sort the points")
         if t1 > t0 and not math.isfinite((v1 - v0) / (t1 - t0)):
             raise ValueError(
                 f"piecewise_linear: the line from {t0:g} s to {t1:g} s is too steep for a number; "
@@ -122,9 +120,7 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
     return wave if wave.amplitude and wave.frequency else Constant(wave(0.0))
 
 
-def signal(
-    function: Callable[[float], float], breaks: Iterable[float] = (), period: float | None = None
-) -> Signal:
+def signal(function: Callable[[float], float], breaks: Iterable[float] = (), period: float | None = None) -> Signal:
     """Return any function of time as a signal.
 
     Parameters
@@ -146,17 +142,13 @@ def signal(
     if isinstance(function, Signal):
         raise TypeError(f"signal: {function!r} is a signal already; use it as it is")
     if not callable(function):
-        raise TypeError(
-            f"signal: function must be callable, got {function!r}; a number is a signal by itself"
-        )
+        raise TypeError(f"signal: function must be callable, got {function!r}; a number is a signal by itself")
     check_takes(function, 1, "signal: function", "one argument, the time t in s")
     times = sequence(breaks, "signal: breaks")
     if any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"signal: breaks must increase, got {times}; sort them and drop doubles")
     if period is not None and (period := finite(period, "signal: period")) <= 0:
-        raise ValueError(
-            f"signal: period must be positive, got {period:g}; leave it out where it is not known"
-        )
+        raise ValueError(f"signal: period must be positive, got {period:g}; leave it out where it is not known")
     return Function(function, times, period)
 
 

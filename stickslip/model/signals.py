@@ -156,9 +156,7 @@ class Signal(Load):
 
     def __mul__(self, factor: float) -> Signal:
         if isinstance(factor, Signal):
-            raise TypeError(
-                "signals are scaled by numbers, not by signals; use signal(function) for a product"
-            )
+            raise TypeError("signals are scaled by numbers, not by signals; use signal(function) for a product")
         if isinstance(factor, Load):
             raise TypeError(
                 "signals are scaled by numbers; use feedback(lambda a, b: a * b, signal, quantity) for a product"
@@ -395,9 +393,7 @@ class Function(Signal):
 
     def to_dict(self) -> Any:
         """Refuse: code is not data."""
-        raise ValueError(
-            f"{self._name} is code, not data; sample it into piecewise_linear(times, values) for a file"
-        )
+        raise ValueError(f"{self._name} is code, not data; sample it into piecewise_linear(times, values) for a file")
 
     @property
     def _name(self) -> str:
@@ -542,9 +538,7 @@ def as_signal(value: Signal | float, what: str) -> Signal:
     if isinstance(value, Signal):
         return value
     if callable(value):
-        raise TypeError(
-            f"{what} must be a number or a signal, got {value!r}; wrap a function in signal(function)"
-        )
+        raise TypeError(f"{what} must be a number or a signal, got {value!r}; wrap a function in signal(function)")
     try:
         return Constant(finite(value, what))
     except TypeError:

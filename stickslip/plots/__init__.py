@@ -186,7 +186,5 @@ def energy(result: Readable, *, ax: Any = None) -> Any:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):
         ax.plot(ledger.t, value, label=label, **look(k))
-    ax.set_title(
-        f"balance error {ledger.relative_error:.1e} of the largest energy", loc="left", fontsize="small"
-    )
+    ax.set_title(f"balance error {ledger.relative_error:.1e} of the largest energy", loc="left", fontsize="small")
     return over_time(ax, "energy [J]")

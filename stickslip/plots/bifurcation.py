@@ -64,9 +64,7 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
             )
     parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
     ax.set_xlabel(parameter, **AS_IT_IS)
-    ax.set_ylabel(
-        "period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]", **AS_IT_IS
-    )
+    ax.set_ylabel("period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]", **AS_IT_IS)
     within_or_beside(ax)
     return ax
 

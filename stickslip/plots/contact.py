@@ -173,9 +173,7 @@ def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(x, w, label="trajectory", zorder=1, **look(0))
     stuck = fine.mode(contact) == Mode.STUCK
     if stuck.any():
-        ax.plot(
-            x[stuck], w[stuck], "s", color="0.6", markersize=5, markeredgewidth=0, zorder=2, label="stuck"
-        )
+        ax.plot(x[stuck], w[stuck], "s", color="0.6", markersize=5, markeredgewidth=0, zorder=2, label="stuck")
     ax.plot(x[:1], w[:1], "o", color="black", markerfacecolor="white", zorder=3, label="start")
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
     unit = units(result.scene, element)

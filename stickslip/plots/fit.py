@@ -33,9 +33,7 @@ def fit(found: Any, *, axes: Any = None) -> Any:
         top, below = axes[2 * k], axes[2 * k + 1]
         unit = getattr(units(scene, elements[one.of]), one.quantity)
         top.plot(one.t, one.values, label="measured", **dots)
-        top.plot(
-            smooth.t, getattr(smooth, one.quantity)(one.of), color="black", linewidth=1.0, label="fitted"
-        )
+        top.plot(smooth.t, getattr(smooth, one.quantity)(one.of), color="black", linewidth=1.0, label="fitted")
         top.set_ylabel(f"{one.name} [{unit}]", **AS_IT_IS)
         top.set_title(record.name, loc="left", fontsize="medium", **AS_IT_IS)
         below.plot(one.t, left[record.label(one)], **dots)

@@ -63,17 +63,13 @@ def report(result: Readable, title: str) -> str:
 
 def _page(title: str, sections: list[tuple[str, str]]) -> str:
     parts = [f"<section><h2>{escape(heading)}</h2>{content}</section>" for heading, content in sections]
-    return _PAGE.format(
-        title=escape(title), style=STYLE, body="\n".join([f"<h1>{escape(title)}</h1>", *parts])
-    )
+    return _PAGE.format(title=escape(title), style=STYLE, body="\n".join([f"<h1>{escape(title)}</h1>", *parts]))
 
 
 def _spans(result: Readable) -> list[str]:
     """Return from when to when each run goes."""
     trajectories = [run.samples.trajectory for run in result.runs]
-    return [
-        f"from {one.starts[0]:.9g} s to {one.stops[-1]:.9g} s" if one.pieces else "" for one in trajectories
-    ]
+    return [f"from {one.starts[0]:.9g} s to {one.stops[-1]:.9g} s" if one.pieces else "" for one in trajectories]
 
 
 def _scene(result: Readable) -> tuple[str, str]:

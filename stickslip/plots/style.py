@@ -93,9 +93,7 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
         check_result(result, draw.__name__)
         runs = result.runs  # type: ignore[attr-defined]
         if not any(run.success or run.trajectory.pieces for run in runs):
-            raise ValueError(
-                f"{draw.__name__}: nothing was computed that could be drawn: the run failed at its start"
-            )
+            raise ValueError(f"{draw.__name__}: nothing was computed that could be drawn: the run failed at its start")
         return draw(*args, **given)
 
     return checked
@@ -106,9 +104,7 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
     if ax is None:
         return new_figure(width, height, layout="constrained").subplots()
     if not isinstance(ax, Axes):
-        raise TypeError(
-            f"ax must be axes of matplotlib, got {ax!r}; plt.subplots() returns a figure and its axes"
-        )
+        raise TypeError(f"ax must be axes of matplotlib, got {ax!r}; plt.subplots() returns a figure and its axes")
     return ax
 
 

@@ -52,14 +52,10 @@ def sweep_map(
         raise TypeError(f"sweep_map: labels must be a mapping such as {{'x': 'speed [m/s]'}}, got {labels!r}")
     field = result.value(value)
     if field.ndim != len(names):
-        raise ValueError(
-            f"sweep_map: value {value!r} has shape {field.shape[len(names) :]} per point, not one number"
-        )
+        raise ValueError(f"sweep_map: value {value!r} has shape {field.shape[len(names) :]} per point, not one number")
     others = [name for name in names if name not in (x, y) and len(result.parameters[name]) > 1]
     if others:
-        raise ValueError(
-            f"sweep_map: {', '.join(others)} varies too; sweep it with a single value, or draw a slice"
-        )
+        raise ValueError(f"sweep_map: {', '.join(others)} varies too; sweep it with a single value, or draw a slice")
     field = np.moveaxis(field, (names.index(y), names.index(x)), (0, 1))
     field = field.reshape(field.shape[:2])
 

@@ -48,9 +48,7 @@ def event_sentences(result: Outcome) -> list[str]:
     around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
     for event in events:
         at = around.get(id(event))
-        reason = (
-            event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
-        )
+        reason = event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
         change = f"{event.before.name} -> {event.after.name}"
         lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}{noted.get(event.contact, '')}")
     return lines
@@ -84,9 +82,7 @@ def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Lim
 
 def _at_events(at: Samples, rows: Indices) -> Array:
     """Return force, level and relative velocity of one row at each time."""
-    return np.array(
-        [table[rows, np.arange(rows.size)] for table in (at.forces, at.breakaways, at.relative_velocities)]
-    )
+    return np.array([table[rows, np.arange(rows.size)] for table in (at.forces, at.breakaways, at.relative_velocities)])
 
 
 def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
@@ -147,9 +143,7 @@ def _friction(event: Event, at: _Limits) -> str:
             return f"broke away {where}: needed {force} to stay stuck, could hold {level}; {slips}"
         case "breakaway with another event":
             why = _another(at, "a jump of the loads")
-            return (
-                f"broke away {where} by {why}: needed {force} just before, could then hold {level}; {slips}"
-            )
+            return f"broke away {where} by {why}: needed {force} just before, could then hold {level}; {slips}"
         case "relative velocity 0":
             return f"its relative velocity reached 0; {_held(at)}"
         case "stuck with another event":

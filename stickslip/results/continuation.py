@@ -28,9 +28,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
     if not trajectory.pieces:
         raise ValueError("final_scene: nothing was computed, so there is no end to go on from")
     if not trajectory.is_dense:
-        raise ValueError(
-            "final_scene: the points between the outputs were not kept; simulate with dense_output=True"
-        )
+        raise ValueError("final_scene: the points between the outputs were not kept; simulate with dense_output=True")
     system, number = trajectory.system, np.array([trajectory.starts.size - 1])
     end, stop = trajectory.ends[-1:], float(trajectory.stops[-1])
     at = Samples.at_local(trajectory, number, end)
@@ -42,9 +40,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
     begun = Samples.at_local(trajectory, number, np.zeros(1)).relative_velocities[:, 0]
     moves_on = np.abs(begun) <= (1 + AT_BAND) * system.laws.rests_below
     reach = np.zeros(system.n + system.drives)
-    reach[: system.n] = fastest * (stop - trajectory.span.start) + [
-        abs(b.position) for b in system.scene.bodies
-    ]
+    reach[: system.n] = fastest * (stop - trajectory.span.start) + [abs(b.position) for b in system.scene.bodies]
     y = on_stops(system, at.y[:, 0], inner, reach)
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]

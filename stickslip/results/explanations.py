@@ -310,9 +310,7 @@ def _modes(system: System, modes: Modes) -> str:
     guards = len(names["forward"]) + len(names["backward"])
     rests = np.isin(modes, (0, AT_HIGH, AT_LOW)) & system.alive
     guards += 2 * int((rests & system.is_friction).sum()) + int((rests & system.is_one_way).sum())
-    return "; ".join(
-        [_count(guards, "guard"), *(f"{word} {_listed(of)}" for word, of in names.items() if of)]
-    )
+    return "; ".join([_count(guards, "guard"), *(f"{word} {_listed(of)}" for word, of in names.items() if of)])
 
 
 def _count(number: int, name: str) -> str:

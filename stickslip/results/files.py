@@ -130,13 +130,9 @@ def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Kept | l
         )
     if not in_a_row:
         return _kept(data, abouts[0], scene, path)
-    scenes: Sequence[Any] = (
-        [None] * len(runs) if scene is None else in_order(scene, "load: scene", "Scene(...)")
-    )
+    scenes: Sequence[Any] = [None] * len(runs) if scene is None else in_order(scene, "load: scene", "Scene(...)")
     if len(scenes) != len(runs):
-        raise ValueError(
-            f"load: {path} holds {len(runs)} runs in a row; give the scene of each, got {len(scenes)}"
-        )
+        raise ValueError(f"load: {path} holds {len(runs)} runs in a row; give the scene of each, got {len(scenes)}")
     return [_kept(run, about, one, path) for run, about, one in zip(runs, abouts, scenes, strict=True)]
 
 

@@ -118,11 +118,7 @@ class Readable(PickledByFields):
         """
         if direction is None:
             return self._read(Samples.breakaway, contact)
-        if (
-            isinstance(direction, bool)
-            or not isinstance(direction, (int, np.integer))
-            or direction not in (1, -1)
-        ):
+        if isinstance(direction, bool) or not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
             raise ValueError(
                 f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
                 f"got {direction!r}; leave it out for the side of the force"
@@ -237,6 +233,4 @@ def check_result(result: Any, what: str) -> None:
     `what` begins the message.
     """
     if not isinstance(result, Readable):
-        raise TypeError(
-            f"{what}: expected a Result, got {type(result).__name__}; simulate(scene, t_span) returns one"
-        )
+        raise TypeError(f"{what}: expected a Result, got {type(result).__name__}; simulate(scene, t_span) returns one")

@@ -319,9 +319,7 @@ class Samples(PickledByFields):
         is_slow = system.dwell[rows] > 0
         if is_slow.any():
             slow = slice(None) if is_slow.all() else is_slow.nonzero()[0]
-            static, least, dwell = (
-                x[rows, None][slow] for x in (system.mu_s[side], system.least[side], system.dwell)
-            )
+            static, least, dwell = (x[rows, None][slow] for x in (system.mu_s[side], system.least[side], system.dwell))
             since = self.trajectory.since_when(self.piece_of, self.taus, rows)[slow]
             since -= self.t
             since /= dwell
@@ -500,9 +498,7 @@ def _blocks(samples: Samples, held: Mapping[int, Indices | slice]) -> Iterator[l
         yield block
 
 
-def _over(
-    trajectory: Trajectory, block: list[tuple[int, Array]], integrand: Callable[[Samples], Array]
-) -> list[Array]:
+def _over(trajectory: Trajectory, block: list[tuple[int, Array]], integrand: Callable[[Samples], Array]) -> list[Array]:
     """Return the integrals between the local times of each entry of a block."""
     order = max(trajectory.order(number) for number, _ in block)
     nodes, weights = gauss_nodes(min(order + 1, _MOST_NODES))
@@ -519,6 +515,4 @@ def _over(
 def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:
     """Return the local times between which a piece is smooth: steps, wanted times, parts of a period."""
     ends = trajectory.steps(number)
-    return np.unique(
-        np.concatenate([ends, wanted, trajectory.loads.periods(0.0, float(ends[-1]), _PER_PERIOD)])
-    )
+    return np.unique(np.concatenate([ends, wanted, trajectory.loads.periods(0.0, float(ends[-1]), _PER_PERIOD)]))

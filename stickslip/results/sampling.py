@@ -142,9 +142,7 @@ def _looked_at(trajectory: Trajectory) -> _Look:
     if len(found) == 1:
         return found[0]
     none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n))
-    begins, sizes, moved = (
-        np.concatenate(parts) for parts in zip(none, *(look[:3] for look in found), strict=True)
-    )
+    begins, sizes, moved = (np.concatenate(parts) for parts in zip(none, *(look[:3] for look in found), strict=True))
     bends = tuple(own for look in found for own in look.bends)
     low = reduce(np.minimum, [look.low for look in found], np.full(size, np.inf))
     high = reduce(np.maximum, [look.high for look in found], np.full(size, -np.inf))

@@ -65,9 +65,7 @@ def _together(parts: Iterable[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any
     found: dict[str, NDArray[Any]] = {}
     for part in parts:
         for name in sorted(found.keys() & part.keys()):
-            raise ValueError(
-                f"columns: two columns are called {name!r}; give one of the elements another name"
-            )
+            raise ValueError(f"columns: two columns are called {name!r}; give one of the elements another name")
         found |= part
     return found
 
@@ -94,9 +92,7 @@ def _columns(samples: Samples, placed: set[str]) -> dict[str, NDArray[Any]]:
     ]
     for name in system.blocks:
         outputs = np.atleast_2d(samples.outputs_of(name))
-        heads = (
-            [f"output {name}"] if len(outputs) == 1 else [f"output {name}[{k}]" for k in range(len(outputs))]
-        )
+        heads = [f"output {name}"] if len(outputs) == 1 else [f"output {name}[{k}]" for k in range(len(outputs))]
         found.append(dict(zip(heads, outputs, strict=True)))
     return _together(found)
 

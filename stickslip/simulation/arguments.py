@@ -38,9 +38,7 @@ def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     try:
         start, stop = in_order(t_span, what)
     except (TypeError, ValueError):
-        raise ValueError(
-            f"{what}: t_span must be two times (start, end), got {reprlib.repr(t_span)}"
-        ) from None
+        raise ValueError(f"{what}: t_span must be two times (start, end), got {reprlib.repr(t_span)}") from None
     start, stop = finite(start, f"{what}: t_span"), finite(stop, f"{what}: t_span")
     if not start < stop:
         remedy = "swap the two times" if start > stop else "give a later end"
@@ -59,9 +57,7 @@ def between(name: str, value: float, low: float, high: float, what: str = "simul
     """Return a number that lies between two others."""
     number = finite(value, f"{what}: {name}")
     if not low < number < high:
-        raise ValueError(
-            f"{what}: {name} must lie between {low:g} and {high:g}, neither of them, got {number:g}"
-        )
+        raise ValueError(f"{what}: {name} must lie between {low:g} and {high:g}, neither of them, got {number:g}")
     return number
 
 
@@ -208,9 +204,7 @@ def user_events(scene: Scene, events: Iterable[When]) -> list[When]:
         if not isinstance(event, When):
             raise TypeError(f"simulate: events must be When(...), got {event!r}")
         if event.name in taken:
-            raise ValueError(
-                f"simulate: {event.label} has the name of another event or of a contact; rename it"
-            )
+            raise ValueError(f"simulate: {event.label} has the name of another event or of a contact; rename it")
         taken.add(event.name)
         scene.check_quantities(event.quantity, event.label)
     return listed

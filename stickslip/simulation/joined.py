@@ -184,9 +184,7 @@ def join(results: Sequence[Result | Joined]) -> Joined:
     listed = tuple(run for result in given for run in result.runs)
     for number, result in enumerate(listed):
         if not result.trajectory.pieces:
-            raise ValueError(
-                f"join: of run {number + 1} nothing was computed, or nothing was kept; leave it out"
-            )
+            raise ValueError(f"join: of run {number + 1} nothing was computed, or nothing was kept; leave it out")
         if not number:
             continue
         end = float(listed[number - 1].trajectory.stops[-1])

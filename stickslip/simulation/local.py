@@ -324,9 +324,7 @@ class Local:
             k = int(forest.drive[led[0]])
             lead = parts.prescribed.drive_at(k, t)[1]
         to_forward, to_backward = parts.levels(rows, t)[:, :, 0]
-        tree = Tree(
-            bodies, parts.inertia[bodies], force, rows, to_forward, to_backward, forward, backward, lead
-        )
+        tree = Tree(bodies, parts.inertia[bodies], force, rows, to_forward, to_backward, forward, backward, lead)
         return tree, where
 
     def _change(
@@ -366,9 +364,7 @@ class Local:
         self._armed += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
         self._most_guards()
-        noted = [
-            (j, a, b, cause_of(a, b, j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)
-        ]
+        noted = [(j, a, b, cause_of(a, b, j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
         for event in sorted(noted):
             self._recorder.note(t, *event)
@@ -387,9 +383,7 @@ class Local:
             parts.groups.part(g)
         if tree.bodies.size == 1:
             led = mode[0] == 0
-            parts.groups.join(
-                tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED
-            )
+            parts.groups.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED)
             return
         place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
         for one in np.unique(label).tolist():
@@ -408,9 +402,7 @@ class Local:
         self._last = t
         self._patches.tick(t, False)
         rows = np.arange(self._forest.m)
-        self._patches.rows(
-            rows, parts.row_origin.copy(), self._inner(rows), self._told(rows), np.zeros((rows.size, 0))
-        )
+        self._patches.rows(rows, parts.row_origin.copy(), self._inner(rows), self._told(rows), np.zeros((rows.size, 0)))
 
     def _tick(self, t: float, is_event: bool) -> None:
         parts = self._parts
@@ -429,15 +421,11 @@ class Local:
     def _enter_bodies(self, bodies: Indices) -> None:
         parts = self._parts
         lead = parts.groups.lead[bodies].astype(float)
-        self._patches.bodies(
-            bodies, parts.origin[bodies], parts.position[bodies], parts.velocity[bodies], lead
-        )
+        self._patches.bodies(bodies, parts.origin[bodies], parts.position[bodies], parts.velocity[bodies], lead)
 
     def _enter_rows(self, rows: NDArray[Any]) -> None:
         parts = self._parts
-        self._patches.rows(
-            rows, parts.row_origin[rows], self._inner(rows), self._told(rows), parts.watched[rows]
-        )
+        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._told(rows), parts.watched[rows])
 
     def _inner(self, rows: NDArray[Any]) -> Modes:
         """Return the modes of rows as results have them: open ones with what they show."""

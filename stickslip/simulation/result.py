@@ -159,9 +159,7 @@ class Result(Presented):
         """
         given = np.asarray(t)
         if given.dtype.kind not in "iuf" or given.ndim > 1:
-            raise TypeError(
-                f"a result is called with times in s, got {t!r}; give a number, or numbers in one line"
-            )
+            raise TypeError(f"a result is called with times in s, got {t!r}; give a number, or numbers in one line")
         times = np.atleast_1d(given.astype(float))
         states = Samples.at_times(self.trajectory, times).y
         return states[:, 0] if np.ndim(t) == 0 else states

@@ -79,9 +79,7 @@ class Run:
         self.timeline, self._wanted = Timeline(system, span.start, span.stop), wanted
         self._local: Local | None = None
         if forest is not None:
-            self._local = Local(
-                forest, engine.work, task.interruption, recorder, self.timeline, watch, wanted.margin
-            )
+            self._local = Local(forest, engine.work, task.interruption, recorder, self.timeline, watch, wanted.margin)
         # the fastest that a solver has seen of each body, how far states were from those at the start, and what adds
         # up in rates
         self._first = system.at_start()
@@ -102,9 +100,7 @@ class Run:
         system, t = self.system, self.timeline.t
         nothing = np.zeros(system.m, dtype=bool)
         since = t - np.array([row.rested for row in system.rows])
-        start = Situation(
-            t, system.at_start(), None, since, nothing, nothing, moves_on=system.starts_slipping
-        )
+        start = Situation(t, system.at_start(), None, since, nothing, nothing, moves_on=system.starts_slipping)
         if system.sampled:
             q = inputs_before(system, self.loads.after(t), start)
             start = start._replace(y=self._sample(t, q, start.y))

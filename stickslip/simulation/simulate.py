@@ -132,9 +132,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
 
     def run(loads: Loads, reached: Reached | None) -> tuple[Result, Reached | None]:
         """Return a run with tolerances fit for what an earlier one has reached, and what it has if they hid it."""
-        wanted = tolerances(
-            system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series", reached=reached
-        )
+        wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series", reached=reached)
         if system.dependence is not None:
             system.dependence.forget()
         task = Task(
@@ -259,9 +257,7 @@ class _Simulation:
         dependence = self._run.system.dependence
         if dependence is None or dependence.is_linear:
             return ""
-        return (
-            "; feedback functions must be smooth: write corners with saturate or table, friction as a Contact"
-        )
+        return "; feedback functions must be smooth: write corners with saturate or table, friction as a Contact"
 
     def _keep(self, path: Path | None) -> float:
         """Keep the path of a motion that has come to no end; return the time of its last point."""
@@ -312,6 +308,4 @@ def _advance_bar(bar: Any, t: float) -> None:
 def _bar(span: float) -> Any:
     from tqdm import tqdm
 
-    return tqdm(
-        total=span, unit="s", desc="simulated", bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}]"
-    )
+    return tqdm(total=span, unit="s", desc="simulated", bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}]")

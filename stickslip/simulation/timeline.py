@@ -66,9 +66,7 @@ class Timeline:
         self._hits += hit
         if self._hits >= _HITS_BETWEEN_LOOKS * max(self._system.m, 1):
             if (t - self._looked_at) * _HITS_AT_MOST < self._hits * whole:
-                raise ArithmeticError(
-                    f"modes flip with hardly any progress in time: contacts {self._names()}"
-                )
+                raise ArithmeticError(f"modes flip with hardly any progress in time: contacts {self._names()}")
             self._hits, self._looked_at = 0, t
 
     def _names(self) -> str:

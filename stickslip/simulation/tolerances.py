@@ -120,9 +120,7 @@ def tolerances(
                 raise _unresolved(system, finest, speed, resolution)
     has_errors = not (is_exact or method.takes_steps)
     speeds = (
-        _speeds(system, start, stop, speed)
-        if reached is None
-        else system.transmission.handed_on(reached.velocities)
+        _speeds(system, start, stop, speed) if reached is None else system.transmission.handed_on(reached.velocities)
     )
     each = np.full(system.size, atol)
     each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)

@@ -157,9 +157,7 @@ class Watch:
         self._signs[k], self._died[k] = sign, at_0[-1]
         return found
 
-    def _parts(
-        self, ends: Array, values_at: Callable[[Array], tuple[Array, Array]]
-    ) -> tuple[Array, Array, Array]:
+    def _parts(self, ends: Array, values_at: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array, Array]:
         """Return the ends of parts of steps, the quantities in each at Chebyshev points, and what adds up in them.
 
         Steps are halved in which a quantity is not the polynomial through these values, unless it is far from 0.

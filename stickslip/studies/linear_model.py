@@ -93,9 +93,7 @@ class LinearModel:
         order = np.lexsort((found.imag, -found.real))
         return np.asarray(found[order], dtype=complex), np.asarray(rough[order])
 
-    def select(
-        self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
-    ) -> LinearModel:
+    def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> LinearModel:
         """Return the model with some of its inputs and outputs only, in the order given.
 
         Raises
@@ -151,9 +149,7 @@ def _places(known: tuple[str, ...], wanted: Sequence[str] | None, what: str) -> 
     wanted = names(wanted, f"LinearModel.select: {what}s")
     for name in wanted:
         if name not in known:
-            raise ValueError(
-                f"LinearModel.select: no {what} is called {name!r}; known are {', '.join(known)}"
-            )
+            raise ValueError(f"LinearModel.select: no {what} is called {name!r}; known are {', '.join(known)}")
     return [known.index(name) for name in wanted]
 
 
@@ -344,6 +340,5 @@ def _outputs(motion: Motion, changes: list[tuple[Array, _Response]]) -> tuple[tu
     names += [f"relative_velocity({row.name})" for row in system.rows]
     names += [f"force({row.name})" for row in system.rows]
     return tuple(names), [
-        np.concatenate([dy[:n], dy[system.moved_state], response.relative, response.forces])
-        for dy, response in changes
+        np.concatenate([dy[:n], dy[system.moved_state], response.relative, response.forces]) for dy, response in changes
     ]

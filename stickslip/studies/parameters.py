@@ -168,9 +168,7 @@ def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
     if indexed is not None and isinstance(among := getattr(scene, indexed[1], None), tuple):
         number = int(indexed[2])
         if number >= len(among):
-            raise ValueError(
-                f"{what}: parameter {name!r}: the scene has {len(among)} {indexed[1]}, counted from 0"
-            )
+            raise ValueError(f"{what}: parameter {name!r}: the scene has {len(among)} {indexed[1]}, counted from 0")
         return place_in(scene, among, number), name[indexed.end() :]
     named = [(k, e) for k, e in enumerate(scene.elements) if isinstance(e, Named)]
     called = [(k, e) for k, e in named if name.startswith(e.name + ".")]
@@ -222,9 +220,7 @@ def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> fl
     if type(thing) is int:  # elements keep all other numbers as floats
         raise ValueError(f"{what}: parameter {name!r} is a whole number; name one that can change a little")
     if not isinstance(thing, float):
-        raise ValueError(
-            f"{what}: parameter {name!r} is {type(thing).__name__}, not a number{_numbers(thing, name)}"
-        )
+        raise ValueError(f"{what}: parameter {name!r} is {type(thing).__name__}, not a number{_numbers(thing, name)}")
     return finite(thing, f"{what}: parameter {name!r}")
 
 
@@ -238,9 +234,7 @@ def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:
         known = ", ".join(inside) or "no fields"
         within = step in _names_in(getattr(thing, "law", None))
         remedy = f"; write '{name.removesuffix(step)}law.{step}'" if within else ""
-        raise ValueError(
-            f"{what}: parameter {name!r}: {type(thing).__name__} has {known}, not {step!r}{remedy}"
-        )
+        raise ValueError(f"{what}: parameter {name!r}: {type(thing).__name__} has {known}, not {step!r}{remedy}")
     return thing[step] if isinstance(thing, Mapping) else getattr(thing, step)
 
 

@@ -139,9 +139,7 @@ def _check(function: Any, executor: Any, workers: Any, progress: Any, save: Any,
     if not (executor is None or is_serial or isinstance(executor, Executor)):
         raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
     if workers is not None and executor is not None:
-        raise ValueError(
-            f"sweep: workers={workers!r} is for processes of our own; leave out executor or workers"
-        )
+        raise ValueError(f"sweep: workers={workers!r} is for processes of our own; leave out executor or workers")
     if workers is not None:
         whole(workers, "sweep: workers", 1)
     if save is not None and not Path(save).absolute().parent.is_dir():
@@ -159,9 +157,7 @@ def _axis(name: str, given: Sequence[Any] | np.ndarray) -> np.ndarray:
     if not isinstance(name, str):
         raise TypeError(f"sweep: parameter names must be texts, got {name!r}")
     if isinstance(given, str | bytes | Mapping | Set) or not isinstance(given, Iterable):
-        raise TypeError(
-            f"sweep: grid[{name!r}] must be a sequence of values, got {given!r}; write [{given!r}]"
-        )
+        raise TypeError(f"sweep: grid[{name!r}] must be a sequence of values, got {given!r}; write [{given!r}]")
     if isinstance(given, np.ndarray) and given.ndim != 1:
         raise ValueError(f"sweep: grid[{name!r}] must have one dimension, not {given.ndim}; ravel it")
     values = [item.item() if isinstance(item, np.number | np.bool_ | np.str_) else item for item in given]
@@ -192,9 +188,7 @@ def _evaluate(function: Callable[..., Any], point: Point) -> Values | str:
             if not isinstance(name, str) or name in point:
                 raise ValueError(f"the function names a value {name!r}; take a text that is no parameter")
             if array.dtype.kind not in "biuf":
-                raise TypeError(
-                    f"the function returned {name} of type {type(value).__name__}; return numbers"
-                )
+                raise TypeError(f"the function returned {name} of type {type(value).__name__}; return numbers")
             values[name] = array.astype(float)
         return values
     except (Exception, SystemExit) as exception:

@@ -33,9 +33,7 @@ def aligned(
             line.append(text.rjust(wide))
     ends = ["", *("  " + text.splitlines()[0] if text else "" for text in tail)]
     lines = ["  ".join(line) + end for line, end in zip(table, ends, strict=True)]
-    return "\n".join(
-        [*(line.rstrip() for line in lines), f"* no other {kind} is both faster and more accurate"]
-    )
+    return "\n".join([*(line.rstrip() for line in lines), f"* no other {kind} is both faster and more accurate"])
 
 
 def _cell(value: float) -> str:

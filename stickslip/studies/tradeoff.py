@@ -81,9 +81,7 @@ class Tradeoff:
     skipped: tuple[Skipped, ...] = ()
     creeping: frozenset[str] = frozenset()
 
-    def recommend(
-        self, *, error: float | None = None, time: float | None = None, may_creep: bool = True
-    ) -> Advice:
+    def recommend(self, *, error: float | None = None, time: float | None = None, may_creep: bool = True) -> Advice:
         """Return the cheapest call within an error, or the most accurate one within a time.
 
         Parameters
@@ -108,9 +106,7 @@ class Tradeoff:
         if time is not None:
             finite(time, "recommend: time")
         if error is not None and finite(error, "recommend: error") < self.limit:
-            raise ValueError(
-                f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}"
-            )
+            raise ValueError(f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}")
         try:
             rows = tuple(row for row in self.work.rows if may_creep or row.name not in self.creeping)
             row = WorkPrecision(rows, self.work.error_label).best(error=error, time=time)
@@ -209,9 +205,7 @@ def tradeoff(
     if not isinstance(scene, Scene):
         raise TypeError(f"tradeoff: scene must be a Scene, got {type(scene).__name__}")
     if not (callable(error) or (isinstance(error, str) and error == "velocity")):
-        raise TypeError(
-            f"tradeoff: error must be 'velocity' or a callable of (result, reference), got {error!r}"
-        )
+        raise TypeError(f"tradeoff: error must be 'velocity' or a callable of (result, reference), got {error!r}")
     if callable(error):
         check_takes(error, 2, "tradeoff: error", "a result and the reference")
     if isinstance(budget, bool) or not (isinstance(budget, int | float) and 0 < budget < float("inf")):
@@ -224,14 +218,11 @@ def tradeoff(
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     known = calls(scene, span, scale)
     setups = [
-        Setup(call.text(span), partial(_quietly, call, scene, span), call.family, call.text(span))
-        for call in known
+        Setup(call.text(span), partial(_quietly, call, scene, span), call.family, call.text(span)) for call in known
     ]
     chosen, skipped, once = _affordable(setups, budget, progress)
     if not chosen:
-        raise ValueError(
-            f"tradeoff: no call fits into a budget of {budget:g} s; {skipped[0].reason}; give more"
-        )
+        raise ValueError(f"tradeoff: no call fits into a budget of {budget:g} s; {skipped[0].reason}; give more")
     creeping = frozenset(call.text(span) for call in known if call.creeps)
     left = deadline - clock.perf_counter()
     work = work_precision(
@@ -293,9 +284,7 @@ def _quietly(call: Call, scene: Scene, span: tuple[float, float]) -> Result:
         return call.run(scene, span)
 
 
-def reference_of(
-    scene: Scene, span: tuple[float, float], measure: Error
-) -> tuple[Call, Call, Result, float, float]:
+def reference_of(scene: Scene, span: tuple[float, float], measure: Error) -> tuple[Call, Call, Result, float, float]:
     """Return two tight calls, the result of the tighter, by how much they differ, and the velocity scale."""
     failure: Exception | None = None
     for tight, loose in reference_calls():
@@ -311,9 +300,7 @@ def reference_of(
     raise failure
 
 
-def _affordable(
-    setups: list[Setup], budget: float, progress: bool
-) -> tuple[list[Setup], list[Skipped], float]:
+def _affordable(setups: list[Setup], budget: float, progress: bool) -> tuple[list[Setup], list[Skipped], float]:
     """Run every setup once; return those within their share, those left out, and the time of a round in s."""
     chosen: list[Setup] = []
     skipped: list[Skipped] = []

@@ -33,9 +33,7 @@ class Call:
 
     def run(self, scene: Scene, span: tuple[float, float]) -> Result:
         """Simulate."""
-        return simulate(
-            scene if self.pre_slip is None else scene.regularized(*self.pre_slip), span, **self.options
-        )
+        return simulate(scene if self.pre_slip is None else scene.regularized(*self.pre_slip), span, **self.options)
 
     @property
     def creeps(self) -> bool:

@@ -201,9 +201,7 @@ def test_sweep_reads_each_point_of_a_grid(here, capsys):
     with (here / "o.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["floor.normal [N]"] for row in rows] == ["1.0"] * 3 + ["2.0"] * 3
-    assert [float(row["springs[0].stiffness [N/m | N m/rad]"]) for row in rows[:3]] == pytest.approx(
-        [1, 2, 4]
-    )
+    assert [float(row["springs[0].stiffness [N/m | N m/rad]"]) for row in rows[:3]] == pytest.approx([1, 2, 4])
     # the spring is stretched by 0.1 m/s t and lets go at 0.15 normal / stiffness
     for row in rows:
         k, normal = float(row["springs[0].stiffness [N/m | N m/rad]"]), float(row["floor.normal [N]"])

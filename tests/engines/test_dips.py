@@ -26,15 +26,11 @@ def test_a_body_comes_to_rest_in_the_step_in_which_its_brake_lets_go(
     scene = Scene(
         Body("clock", inertia=1.0, velocity=1.0),
         Body("m", inertia=1.0, velocity=4.5 * mu - short),
-        Contact(
-            "c", "m", GROUND, DryFriction(mu, mu), normal=table(position("clock"), [0.0, 1.0], [9.0, 0.0])
-        ),
+        Contact("c", "m", GROUND, DryFriction(mu, mu), normal=table(position("clock"), [0.0, 1.0], [9.0, 0.0])),
     )
     result = simulate(scene, (0.0, 2.0), rtol=rtol, **way)
     (event,) = result.events
     assert (event.before, event.after) == (Mode.FORWARD, Mode.STUCK)
-    assert event.t == pytest.approx(
-        1 - math.sqrt(short / (4.5 * mu)), abs=max(1e2 * rtol / math.sqrt(short), 1e-12)
-    )
+    assert event.t == pytest.approx(1 - math.sqrt(short / (4.5 * mu)), abs=max(1e2 * rtol / math.sqrt(short), 1e-12))
     assert abs(result.velocity("m")[-1]) <= 1e2 * rtol
     assert result.mode("c")[-1] == Mode.STUCK

@@ -96,17 +96,14 @@ def test_order_of_laws_that_depend_on_velocity(law: DryFriction | Dahl | LuGre) 
     exact = simulate(driven(law), (0.0, 0.5), rtol=1e-12, atol=1e-14).y[:, -1]
     steps = [0.05, 0.025, 0.0125]
     errors = [
-        float(np.abs(simulate(driven(law), (0.0, 0.5), method="RK4", step=h).y[:, -1] - exact).max())
-        for h in steps
+        float(np.abs(simulate(driven(law), (0.0, 0.5), method="RK4", step=h).y[:, -1] - exact).max()) for h in steps
     ]
     assert order(steps, errors) == pytest.approx(4.0, abs=0.35)
     assert errors[-1] < 2e-7
 
 
 def test_constant_forces_are_integrated_exactly() -> None:
-    scene = Scene(
-        Body("a", inertia=2.0, velocity=3.0), Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0)
-    )
+    scene = Scene(Body("a", inertia=2.0, velocity=3.0), Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0))
     for method in ("RK4", "Euler"):
         result = simulate(scene, (0.0, 2.0), method=method, step=0.1)
         np.testing.assert_allclose(result.velocity("a"), 3.0 - result.t, atol=1e-14)
@@ -280,17 +277,13 @@ def test_a_contact_that_a_jump_opens_is_open_at_once(law: Any, method: str) -> N
     """
     scene = Scene(
         Body("a", inertia=1.0, velocity=0.3),
-        Contact(
-            "c", "a", GROUND, law, normal=piecewise_linear([0.05, 0.05, 0.5, 0.5], [1.0, 0.0, 0.0, 10.0])
-        ),
+        Contact("c", "a", GROUND, law, normal=piecewise_linear([0.05, 0.05, 0.5, 0.5], [1.0, 0.0, 0.0, 10.0])),
         Force("a", -1.0),
     )
     exact = simulate(scene, (0.0, 1.0))
     result = simulate(scene, (0.0, 1.0), method=method, step=1e-4)
     at, right = result.sample([0.05, 0.25, 0.285, 0.4, 0.6]), exact.sample([0.05, 0.25, 0.285, 0.4, 0.6])
-    assert at.velocity("a")[1:4] == pytest.approx(
-        at.velocity("a")[0] - np.array([0.2, 0.235, 0.35]), abs=1e-12
-    )
+    assert at.velocity("a")[1:4] == pytest.approx(at.velocity("a")[0] - np.array([0.2, 0.235, 0.35]), abs=1e-12)
     assert at.velocity("a") == pytest.approx(right.velocity("a"), abs=3e-4)
     assert at.mode("c").tolist() == right.mode("c").tolist()
 
@@ -338,9 +331,7 @@ def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: fl
     longest = limit / 100.0
     result = simulate(scene, (0.0, 10.0), method=method, step=0.999 * longest)
     assert abs(result.velocity("a")[-1]) < 1.0
-    message = (
-        rf"{method} step of .* is unstable: an eigenvalue of -100 /s allows {longest:.4g} s at most.*BDF"
-    )
+    message = rf"{method} step of .* is unstable: an eigenvalue of -100 /s allows {longest:.4g} s at most.*BDF"
     with pytest.raises(SimulationError, match=message) as caught:
         simulate(scene, (0.0, 10.0), method=method, step=1.001 * longest)
     assert caught.value.t == 0.0 and not caught.value.result.success
@@ -352,9 +343,7 @@ def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: fl
 @pytest.mark.parametrize("step", [1e-4, 1.3e-4])
 @pytest.mark.parametrize("velocity", [0.0, 1.0])
 @pytest.mark.parametrize("damping", [0.0, 1.0])
-def test_bristles_that_stiffen_without_limit_are_refused(
-    step: float, velocity: float, damping: float
-) -> None:
+def test_bristles_that_stiffen_without_limit_are_refused(step: float, velocity: float, damping: float) -> None:
     """Where the normal force falls to 0 on a ramp; states that are no numbers any more are no other error."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=velocity),
@@ -410,17 +399,13 @@ def test_a_smooth_law_is_looked_at_where_it_passes_through_rest(shape: str) -> N
     with pytest.raises(SimulationError, match=r"unstable.*-2e\+03 /s allows 0\.001393 s") as caught:
         simulate(scene, (0.0, 1.0), method="RK4", step=2e-3)
     assert caught.value.t == pytest.approx(0.5, abs=0.15)
-    assert simulate(scene, (0.0, 1.0), method="RK4", step=1.3e-3).velocity("a")[-1] == pytest.approx(
-        0.0, abs=1e-9
-    )
+    assert simulate(scene, (0.0, 1.0), method="RK4", step=1.3e-3).velocity("a")[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_grows_by_itself_is_no_fault_of_the_step() -> None:
     """On the falling branch of its Stribeck curve a sliding block is unstable, with the eigenvalue 4 /s."""
     law = DryFriction(0.6, 0.2, stribeck_velocity=0.5, stribeck_exponent=1.0)
-    scene = Scene(
-        Body("a", inertia=1.0, velocity=0.05), Contact("c", "a", GROUND, law, normal=10.0), Force("a", 6.1)
-    )
+    scene = Scene(Body("a", inertia=1.0, velocity=0.05), Contact("c", "a", GROUND, law, normal=10.0), Force("a", 6.1))
     assert simulate(scene, (0.0, 1.0), method="RK4", step=0.2).success
 
 

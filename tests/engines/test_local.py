@@ -133,17 +133,13 @@ def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(frequency: float) ->
 def test_sines_that_are_there_in_one_time_span_only() -> None:
     """Up to 10 s the normal force is cut off; then it is ``5 + 3 sin(pi t)``, whose share of 0.3 stops v = 1."""
     normal = piecewise_linear([0.0, 10.0, 10.0, 20.0], [-9.0, -9.0, 5.0, 5.0]) + sine(3.0, 0.5)
-    scene = Scene(
-        Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.5, 0.3), normal=normal)
-    )
+    scene = Scene(Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.5, 0.3), normal=normal))
     with validation.part_by_part():
         assert not simulate(scene, (0.0, 5.0)).events
         result = simulate(scene, (12.0, 14.0))
     assert result.trajectory.is_patchwork and [event.after for event in result.events] == [0]
     rest = result.events[0].t - 12.0
-    assert 0.3 * (5.0 * rest + 3.0 / math.pi * (1.0 - math.cos(math.pi * rest))) == pytest.approx(
-        1.0, rel=1e-13
-    )
+    assert 0.3 * (5.0 * rest + 3.0 / math.pi * (1.0 - math.cos(math.pi * rest))) == pytest.approx(1.0, rel=1e-13)
 
 
 def part_by_part(scene: Scene, stop: float, **options: Any) -> Result:
@@ -251,9 +247,7 @@ def chain(in_pairs: bool) -> Scene:
 @pytest.mark.slow
 @pytest.mark.parametrize("in_pairs", [False, True])
 @pytest.mark.parametrize("many", [4, 10**9])
-def test_in_a_long_chain_what_is_far_goes_on(
-    monkeypatch: pytest.MonkeyPatch, in_pairs: bool, many: int
-) -> None:
+def test_in_a_long_chain_what_is_far_goes_on(monkeypatch: pytest.MonkeyPatch, in_pairs: bool, many: int) -> None:
     """Patches are smaller than the chain; their matrices are sparse from 4 bodies on, or dense."""
     scene = chain(in_pairs)
     monkeypatch.setattr(parts, "_MANY", many)
@@ -388,9 +382,7 @@ def test_a_body_between_two_elastic_walls() -> None:
     fine = result.sample(2001)
     assert fine.position("ball").max() == pytest.approx(0.3, abs=1e-6)
     assert (
-        np.abs(
-            fine.force("walls") - 50.0 * (fine.position("ball") - np.clip(fine.position("ball"), -0.2, 0.2))
-        ).max()
+        np.abs(fine.force("walls") - 50.0 * (fine.position("ball") - np.clip(fine.position("ball"), -0.2, 0.2))).max()
         < 1e-12
     )
     assert not fine.force("far").any() and result.energy().relative_error < 1e-14
@@ -424,9 +416,7 @@ def test_a_wall_that_moves_throws_a_body() -> None:
     assert [event.t for event in result.events] == pytest.approx([meets, meets + math.pi / omega], abs=1e-13)
     pushed = np.clip(result.t - meets, 0.0, math.pi / omega)
     assert result.velocity("ball") == pytest.approx(speed * (1.0 - np.cos(omega * pushed)), abs=1e-13)
-    assert result.force("face") == pytest.approx(
-        -stiffness * speed / omega * np.sin(omega * pushed), abs=1e-12
-    )
+    assert result.force("face") == pytest.approx(-stiffness * speed / omega * np.sin(omega * pushed), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -479,10 +469,7 @@ def test_an_open_contact_of_a_block_that_breaks_away(static: float) -> None:
         "holds",
         pytest.approx(away, abs=1e-13),
     )
-    assert (
-        local.mode("open")[local.t > away + 1e-3].tolist()
-        == whole.mode("open")[whole.t > away + 1e-3].tolist()
-    )
+    assert local.mode("open")[local.t > away + 1e-3].tolist() == whole.mode("open")[whole.t > away + 1e-3].tolist()
     assert local.velocity("b")[-1] == pytest.approx(0.5 * (6.0**2 - away**2) - 3.0 * (6.0 - away), abs=1e-12)
 
 

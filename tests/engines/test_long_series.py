@@ -22,9 +22,7 @@ def test_times_of_many_steps_add_up_without_roundoff() -> None:
 
 @pytest.mark.parametrize("load", [0.0, sine(0.1, 0.3)])
 @pytest.mark.parametrize("dense", [True, False])
-def test_a_long_motion_is_handed_over_in_parts(
-    monkeypatch: pytest.MonkeyPatch, load: float, dense: bool
-) -> None:
+def test_a_long_motion_is_handed_over_in_parts(monkeypatch: pytest.MonkeyPatch, load: float, dense: bool) -> None:
     scene = Scene(*oscillator().elements, Force("a", load))
     outputs = [k * math.pi for k in range(60)]
     turns = [When("turn", velocity("a"))]

@@ -76,9 +76,7 @@ def test_nor_where_a_scene_begins_much_slower(options: dict[str, Any]) -> None:
 def test_nor_does_a_freewheel_stick_where_it_touches_rest(options: dict[str, Any], rtol: float) -> None:
     """The same, pressed, with no friction forward."""
     law = DryFriction(0.0, 0.0, mu_static_backward=0.6, mu_coulomb_backward=0.5)
-    scene = Scene(
-        Body("b", inertia=2.0), Contact("wheel", "b", GROUND, law, normal=10.0), Force("b", sine(1.2, 1.0))
-    )
+    scene = Scene(Body("b", inertia=2.0), Contact("wheel", "b", GROUND, law, normal=10.0), Force("b", sine(1.2, 1.0)))
     result = simulate(scene, (0.0, 7.5), rtol=rtol, atol=1e-2 * rtol, **options)
     assert result.events == []
 
@@ -140,9 +138,7 @@ def test_a_dip_deeper_than_the_errors_is_one(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize("options", ENGINES)
 def test_sticking_is_where_it_was(options: dict[str, Any], rtol: float) -> None:
     """1 m/s against 2 N on 1 kg: stuck at 0.5 s exactly, at rest, having gone 0.25 m."""
-    scene = Scene(
-        Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=10.0)
-    )
+    scene = Scene(Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=10.0))
     result = simulate(scene, (0.0, 1.0), rtol=rtol, atol=1e-2 * rtol, **options)
     (event,) = result.events
     assert event.t == pytest.approx(0.5, abs=1e-12)
@@ -174,9 +170,7 @@ def pulled_from_rest(law: DryFriction, velocity: float = 0.0, blocks: int = 1) -
 
 @pytest.mark.parametrize("rtol", [1e-5, 1e-10])
 @pytest.mark.parametrize("options", ENGINES)
-def test_what_touches_rest_is_held_where_static_friction_is_larger(
-    options: dict[str, Any], rtol: float
-) -> None:
+def test_what_touches_rest_is_held_where_static_friction_is_larger(options: dict[str, Any], rtol: float) -> None:
     """Stuck at T. The spring keeps 2 N/s T, the level is 3 N/s t: 4 t - 2 T = 3 t at t = 2 T."""
     scene = pulled_from_rest(DryFriction(0.3, 0.2))
     result = simulate(scene, (0.0, 2.5), rtol=rtol, atol=1e-2 * rtol, **options)
@@ -190,9 +184,7 @@ def test_what_touches_rest_is_held_where_static_friction_is_larger(
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-8])
 @pytest.mark.parametrize("options", ENGINES)
 @pytest.mark.parametrize("dwell", [0.0, 1e-3])
-def test_a_short_rest_is_found_with_loose_tolerances_too(
-    options: dict[str, Any], rtol: float, dwell: float
-) -> None:
+def test_a_short_rest_is_found_with_loose_tolerances_too(options: dict[str, Any], rtol: float, dwell: float) -> None:
     """Begun faster, v = J/W^2 + A cos W t would go beyond 0 by 1e-3 J/W^2 at T/2: it sticks just before, at t.
 
     The spring then has W^2 x = J t + A W sin W t, and the load is 1/3 more than the level: breakaway at that many s.
@@ -292,9 +284,7 @@ SOLVERS = ENGINES[:-1]
 
 @pytest.mark.parametrize("options", SOLVERS)
 @pytest.mark.parametrize(("by", "rate"), [("normal force", 1e6), ("normal force", 1e9), ("damper", 1e6)])
-def test_a_body_that_comes_to_rest_just_beyond_0_has_passed_it(
-    by: str, rate: float, options: dict[str, Any]
-) -> None:
+def test_a_body_that_comes_to_rest_just_beyond_0_has_passed_it(by: str, rate: float, options: dict[str, Any]) -> None:
     """v' = -rate v - 0.2 passes 0 at log(1 + 5 rate) / rate; on the other side it would end at -0.2 / rate.
 
     That is nearer to 0 than the solver's errors are. The contact holds the body.

@@ -20,9 +20,7 @@ def test_a_velocity_that_touches_0_in_every_period(formulation: str) -> None:
     )
     steps = {}
     for stop in (0.88, 0.92):
-        stats = simulate(
-            scene, (0.0, stop), formulation=formulation, method="BDF", rtol=1e-6, atol=1e-8
-        ).stats
+        stats = simulate(scene, (0.0, stop), formulation=formulation, method="BDF", rtol=1e-6, atol=1e-8).stats
         steps[stop] = stats["steps"]
     # 28 periods more
     assert stats["restarts"] > 40

@@ -78,9 +78,7 @@ def test_random_polynomials_have_the_roots_that_numpy_finds(values: list[float])
     clear = [r for r in roots if abs(polynomial.polyval(r, polynomial.polyder(c))) > 1e-3]
     if found is not None and roots and clear == roots:
         # a root of eigenvalues has the roundoff of the largest one: a step of Newton's method takes it away
-        root = roots[0] - polynomial.polyval(roots[0], c) / polynomial.polyval(
-            roots[0], polynomial.polyder(c)
-        )
+        root = roots[0] - polynomial.polyval(roots[0], c) / polynomial.polyval(roots[0], polynomial.polyder(c))
         assert found == pytest.approx(root, abs=1e-9)
     if not suspected(c):
         assert found is None and samples.min() >= 0

@@ -40,18 +40,14 @@ def between(taus: Array, coefficients: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize(("method", "degree"), [("BDF", 6), ("Adams", 12)])
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-12])
-def test_between_the_points_of_cvode_the_error_is_that_of_the_points(
-    method: str, degree: int, rtol: float
-) -> None:
+def test_between_the_points_of_cvode_the_error_is_that_of_the_points(method: str, degree: int, rtol: float) -> None:
     """``x'' = -4 x - x'^3 / 10``, beside an integration to roundoff."""
 
     def rate(tau: float, y: Array, out: Array) -> None:
         out[0], out[1] = y[1], -4.0 * y[0] - 0.1 * y[1] ** 3
 
     tolerance = rtol, 1e-2 * rtol
-    found = CVODE(rate, method=method, rtol=rtol, atol=tolerance[1]).solve(
-        np.array([0.0, 6.0]), np.array([1.0, 0.0])
-    )
+    found = CVODE(rate, method=method, rtol=rtol, atol=tolerance[1]).solve(np.array([0.0, 6.0]), np.array([1.0, 0.0]))
     exact = scipy.integrate.solve_ivp(
         lambda t, y: [y[1], -4.0 * y[0] - 0.1 * y[1] ** 3],
         (0.0, 6.0),
@@ -142,16 +138,12 @@ def test_where_nothing_happens_two_points_are_enough() -> None:
     ("velocity", "stribeck", "normal", "stop"),
     [(0.67, 0.0742, 23.3, 0.5), (0.22, 0.0053, 6.1, 0.233), (1.15, 0.0469, 48.6, 0.627)],
 )
-def test_a_block_that_slides_to_rest(
-    velocity: float, stribeck: float, normal: float, stop: float, method: str
-) -> None:
+def test_a_block_that_slides_to_rest(velocity: float, stribeck: float, normal: float, stop: float, method: str) -> None:
     """1 kg comes to rest after the integral of dv / (0.2 + 0.2 exp(-(v/v_s)^2)) / N."""
     law = DryFriction(0.4, 0.2, stribeck_velocity=stribeck)
     scene = Scene(Body("b", inertia=1.0, velocity=velocity), Contact("c", "b", GROUND, law, normal=normal))
     result = simulate(scene, (0.0, stop), method=method, rtol=1e-7, atol=1e-9)
-    exact = scipy.integrate.quad(
-        lambda v: 1 / (0.2 + 0.2 * exp(-((v / stribeck) ** 2))) / normal, 0.0, velocity
-    )[0]
+    exact = scipy.integrate.quad(lambda v: 1 / (0.2 + 0.2 * exp(-((v / stribeck) ** 2))) / normal, 0.0, velocity)[0]
     assert [(e.contact, int(e.after)) for e in result.events] == [("c", 0)]
     assert result.events[0].t == pytest.approx(exact, rel=1e-5)
 

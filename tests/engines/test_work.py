@@ -23,9 +23,7 @@ from stickslip.equations.path import Path
         (-1, 40, False),
     ],
 )
-def test_where_a_solver_fails_after_many_steps_a_new_one_goes_on(
-    status: int, steps: int, goes_on: bool
-) -> None:
+def test_where_a_solver_fails_after_many_steps_a_new_one_goes_on(status: int, steps: int, goes_on: bool) -> None:
     path = Path(np.linspace(0.0, 1.0, steps + 1), np.zeros((steps, 2, 1)), np.zeros(1), False)
     said = SimpleNamespace(status=status, message="It failed.")
     if goes_on:

@@ -58,11 +58,7 @@ def test_a_fault_with_rate_and_state_slips_in_events() -> None:
     mass = 1e-2 * stiffness / (2 * math.pi) ** 2
 
     def friction(v: float, theta: float) -> float:
-        return (
-            -pressure
-            * a
-            * math.asinh(v / (2 * rate) * math.exp((mu0 + b * math.log(rate * theta / length)) / a))
-        )
+        return -pressure * a * math.asinh(v / (2 * rate) * math.exp((mu0 + b * math.log(rate * theta / length)) / a))
 
     start = friction(rate, length / rate) / stiffness
     age = 0.3 * length / rate

@@ -42,16 +42,12 @@ CURVES = {
     "a function": DryFriction(0.5, 0.3, kinetic=lambda v: 0.2 + 0.3 / (1 + 3 * v)),
     "Stribeck": DryFriction(0.5, 0.3, stribeck_velocity=0.1),
     "Stribeck, vertical at rest": DryFriction(0.5, 0.3, stribeck_velocity=0.1, stribeck_exponent=0.5),
-    "two sides": DryFriction(
-        0.5, 0.3, stribeck_velocity=0.1, mu_static_backward=0.6, mu_coulomb_backward=0.2
-    ),
+    "two sides": DryFriction(0.5, 0.3, stribeck_velocity=0.1, mu_static_backward=0.6, mu_coulomb_backward=0.2),
     "Coulomb": DryFriction(0.5, 0.3, dwell=0.1),
 }
 
 
-def started(
-    law: DryFriction, modes: tuple[int, int], uncertain: float | None = None
-) -> tuple[Motion, Guards]:
+def started(law: DryFriction, modes: tuple[int, int], uncertain: float | None = None) -> tuple[Motion, Guards]:
     """Two bodies in a row on springs, the first one on a belt."""
     scene = Scene(
         Drive("belt", velocity=0.2),
@@ -66,9 +62,7 @@ def started(
     stretch, since = system.loads(0.0, 1.0).after(0.0), np.zeros(system.m)
     motion = Motion(equations_in(numbers, system), stretch, 0.0, system.at_start(), since)
     none = np.zeros(2, dtype=bool)
-    return motion, Guards(
-        motion, numbers, numbers == 0, none, None if uncertain is None else np.full(2, uncertain)
-    )
+    return motion, Guards(motion, numbers, numbers == 0, none, None if uncertain is None else np.full(2, uncertain))
 
 
 @pytest.mark.parametrize("law", CURVES.values(), ids=CURVES)
@@ -147,9 +141,7 @@ def moved(law: Law, more: list[Element], mode: int, t: float = 0.0) -> tuple[Mot
         loads.table_regions = (2,) * len(system.dependence.tables)
     equations, since = equations_in(numbers, system), np.zeros(system.m)
     motion = Motion(equations, loads.after(t), t, system.at_start(), since)
-    return motion, Guards(
-        motion, numbers, numbers == 0, np.zeros(system.m, dtype=bool), np.full(system.m, 1e-9)
-    )
+    return motion, Guards(motion, numbers, numbers == 0, np.zeros(system.m, dtype=bool), np.full(system.m, 1e-9))
 
 
 @pytest.mark.parametrize("law, more", MOVED.values(), ids=MOVED)
@@ -185,9 +177,7 @@ def test_no_guard_goes_below_its_bound(law: DryFriction, modes: tuple[int, int])
     s = np.linspace(0.0, 1.0, 50)[:-1]
     for k in range(steps):
         at = taus[k] + s * (taus[k + 1] - taus[k])
-        there = guards.raw(
-            motion.watched(at, states := motion.exact(at, path.at(at).T)), motion.inputs(at, states)
-        )
+        there = guards.raw(motion.watched(at, states := motion.exact(at, path.at(at).T)), motion.inputs(at, states))
         known = low[:, k] > -math.inf
         stays = guards.order == np.iinfo(np.intp).max
         some = known & ~stays
@@ -217,7 +207,5 @@ def test_guards_are_polynomials_where_inputs_are_linear_in_the_state(case: str, 
 def test_a_bound_is_sharp_where_a_guard_hardly_changes() -> None:
     motion, guards = started(CURVES["Coulomb"], (1, 1))
     nodes = chebyshev_nodes(5)
-    path = Path(
-        np.array([0.0, 0.1]), from_nodes(5) @ (motion.y + 0 * nodes[:, None])[None], motion.y, False, True
-    )
+    path = Path(np.array([0.0, 0.1]), from_nodes(5) @ (motion.y + 0 * nodes[:, None])[None], motion.y, False, True)
     np.testing.assert_allclose(guards.along(path)[2][:, 0], [0.3, 0.1], rtol=1e-13)

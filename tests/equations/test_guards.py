@@ -201,9 +201,7 @@ def test_a_row_that_has_just_fired_is_at_its_level_though_roundoff_is_left(fired
 @pytest.mark.parametrize("beyond", [1e-12, 1e-11, 1e-8])
 def test_what_a_solver_left_beyond_a_stop_is_no_touch(beyond: float) -> None:
     """A body is drawn off its stop: the distance is ``t^2 / 2 - beyond``, and it has left from the start on."""
-    scene = Scene(
-        Body("a", inertia=1.0, position=beyond), Force("a", -1.0), Stop("stop", "a", GROUND, upper=0.0)
-    )
+    scene = Scene(Body("a", inertia=1.0, position=beyond), Force("a", -1.0), Stop("stop", "a", GROUND, upper=0.0))
     motion, guards = started(scene, [APART], labels=[1])
     assert guards.order.tolist() == [2] and not guards.violated.any()
     for tau in (0.0, 1e-9, 1e-7, 1.5e-6, 4e-6, 1e-3, 1.0):
@@ -215,9 +213,7 @@ def test_what_a_solver_left_beyond_a_stop_is_no_touch(beyond: float) -> None:
 def test_a_stop_whose_force_has_come_to_nothing_but_roundoff_lets_go() -> None:
     """It is pressed with ``1 - t``: 1e-11 s before 1 s what is left is roundoff, and then it is drawn off."""
     pressed = piecewise_linear([0.0, STOP], [1.0, -1.0])
-    scene = Scene(
-        Body("a", inertia=1.0, position=1.0), Force("a", pressed), Stop("stop", "a", GROUND, upper=1.0)
-    )
+    scene = Scene(Body("a", inertia=1.0, position=1.0), Force("a", pressed), Stop("stop", "a", GROUND, upper=1.0))
     _, guards = started(scene, [APART], t=1.0 - 1e-11, labels=[1], fired=True)
     assert guards.order.tolist() == [3] and not guards.violated.any()
 

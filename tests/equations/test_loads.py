@@ -76,9 +76,7 @@ def test_the_vector_holds_signals_then_rates_then_one() -> None:
     assert segment.at(0.1).tolist() == pytest.approx(values(0.1), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "order", [TIMES, TIMES[::-1], [0.5, 0.02, 0.99, 0.0, 0.4, 0.05, 0.45, 0.1, 0.6, 0.3]]
-)
+@pytest.mark.parametrize("order", [TIMES, TIMES[::-1], [0.5, 0.02, 0.99, 0.0, 0.4, 0.05, 0.45, 0.1, 0.6, 0.3]])
 def test_right_limits_whatever_was_read_before(order: list[float]) -> None:
     q = loads()
     for t in order:

@@ -38,20 +38,13 @@ def machine(count: int, on_the_ground: bool) -> Scene:
     """Return bodies in a row that rub on the ground or on each other, with all kinds of parts between them."""
     names = [f"b{i}" for i in range(count)]
     return Scene(
-        *(
-            Body(name, inertia=1.0 + 0.1 * (i * 5 % 12), velocity=0.3 - 0.1 * i)
-            for i, name in enumerate(names)
-        ),
+        *(Body(name, inertia=1.0 + 0.1 * (i * 5 % 12), velocity=0.3 - 0.1 * i) for i, name in enumerate(names)),
         Drive("belt", velocity=0.2 + sine(0.1, 0.5)),
         *(
-            Contact(
-                f"c{i}", name, GROUND if on_the_ground else [*names, "belt"][i + 1], CURVED, normal=3.0 + i
-            )
+            Contact(f"c{i}", name, GROUND if on_the_ground else [*names, "belt"][i + 1], CURVED, normal=3.0 + i)
             for i, name in enumerate(names)
         ),
-        Contact(
-            "brush", "b1", "belt", LuGre(DryFriction(0.4, 0.3), stiffness=100.0, damping=2.0), normal=2.0
-        ),
+        Contact("brush", "b1", "belt", LuGre(DryFriction(0.4, 0.3), stiffness=100.0, damping=2.0), normal=2.0),
         Contact("fed", "b2", "belt", DryFriction(0.2, 0.1), normal=4.0 + 0.5 * position("b3")),
         Tie("gear", {"b4": 1.0, "b5": -2.0}),
         Gap("stop", "b0", GROUND, upper=0.1, stiffness=50.0, damping=1.0),
@@ -64,9 +57,7 @@ def machine(count: int, on_the_ground: bool) -> Scene:
 def motion_in(scene: Scene, modes: dict[str, int]) -> Motion:
     system = compiled(scene)
     assert isinstance(system, System)
-    given = np.array(
-        [modes.get(row.name, 0 if row.name == "gear" else 1) for row in system.rows], dtype=np.int8
-    )
+    given = np.array([modes.get(row.name, 0 if row.name == "gear" else 1) for row in system.rows], dtype=np.int8)
     given[system.is_gap] = OPEN
     equations = equations_in(given, system, np.zeros(system.piecewise.count, dtype=np.int16))
     loads = system.loads(0.0, 4.0, False)

@@ -15,9 +15,7 @@ def test_a_kinetic_curve_under_a_normal_force_that_oscillates() -> None:
     """``m v' = -mu(v) N`` with ``mu = 0.2 + 0.1/(1 + v)`` and ``N = 10 + 2 sin(2 pi 0.3 t + 0.4)``."""
     law = DryFriction(0.4, 0.2, kinetic=lambda v: 0.2 + 0.1 / (1.0 + v))
     normal = 10.0 + sine(2.0, 0.3, phase=0.4)
-    system = System(
-        Scene(Body("m", inertia=2.0, velocity=0.5), Contact("c", "m", GROUND, law, normal=normal))
-    )
+    system = System(Scene(Body("m", inertia=2.0, velocity=0.5), Contact("c", "m", GROUND, law, normal=normal)))
     stretch = system.loads(0.0, 1.0).after(0.0)
     equations = equations_in(np.ones(1, dtype=np.int8), system)
     start = Motion(equations, stretch, 0.0, system.at_start(), np.zeros(1)).start
@@ -34,13 +32,9 @@ def test_a_kinetic_curve_on_a_belt_that_swings() -> None:
     """``2 v' = mu(w) 10`` behind a belt at ``u = 0.8 + 0.3 sin(5 t + 0.4)``, with ``w = v - u < 0``."""
     law = DryFriction(0.4, 0.2, kinetic=lambda w: 0.2 + 0.1 / (1.0 + w))
     belt = Drive("belt", velocity=0.8 + sine(0.3, 5 / (2 * np.pi), phase=0.4))
-    system = System(
-        Scene(Body("m", inertia=2.0, velocity=0.5), belt, Contact("c", "m", "belt", law, normal=10.0))
-    )
+    system = System(Scene(Body("m", inertia=2.0, velocity=0.5), belt, Contact("c", "m", "belt", law, normal=10.0)))
     stretch = system.loads(0.0, 1.0).after(0.0)
-    motion = Motion(
-        equations_in(-np.ones(1, dtype=np.int8), system), stretch, 0.0, system.at_start(), np.zeros(1)
-    )
+    motion = Motion(equations_in(-np.ones(1, dtype=np.int8), system), stretch, 0.0, system.at_start(), np.zeros(1))
     swing, turn = 0.3 * np.sin(0.4), 0.3 * np.cos(0.4)
     w, mu, slope = 0.3 + swing, 0.2 + 0.1 / (1.3 + swing), -0.1 / (1.3 + swing) ** 2
     a = 5.0 * mu

@@ -91,9 +91,7 @@ def test_the_map_is_the_recursion(
 
 @pytest.mark.parametrize("made", [pulled, swung])
 @pytest.mark.parametrize("modes", [[1, -1], [0, 1], [1, 0], [0, 0]])
-def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(
-    made: Callable[[], Scene], modes: list[int]
-) -> None:
+def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(made: Callable[[], Scene], modes: list[int]) -> None:
     """But for dwells: the product knows how far these are, the recursion takes them as if they had just begun."""
     motion, guards = motion_of(made(), modes)
     found = motion.guard_magnitudes(guards.rows, 5)
@@ -107,9 +105,7 @@ def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(
 
 @pytest.mark.parametrize("made", [pulled, swung])
 @pytest.mark.parametrize("modes", [[0, 1], [1, 0], [0, 0]])
-def test_a_dwell_that_begins_just_now_adds_nothing_in_time(
-    made: Callable[[], Scene], modes: list[int]
-) -> None:
+def test_a_dwell_that_begins_just_now_adds_nothing_in_time(made: Callable[[], Scene], modes: list[int]) -> None:
     """Its age is exact, in the product of small scenes as in the recursion of large ones."""
     motion, guards = motion_of(made(), modes, since=0.3)
     found = motion.guard_magnitudes(guards.rows, 3, of_time=True)

@@ -121,9 +121,7 @@ def test_a_stop_is_lifted_twice_and_closes_again(lift: float) -> None:
                 Contact("rub", "lid", GROUND, CURVES["Stribeck"], normal=0.0),
             )
             result = simulate(machine, (0.0, 1.6), rtol=1e-9, atol=1e-11, **options)
-            lifts = [
-                event.t for event in result.events if event.contact == "seat" and event.after == Mode.OPEN
-            ]
+            lifts = [event.t for event in result.events if event.contact == "seat" and event.after == Mode.OPEN]
             period, half = 2 * math.pi / omega, math.sqrt(4 * lift) / omega
             expected = [first - half, first - half + period]
             assert lifts == pytest.approx(expected, abs=0.02 * half + 1e-7)

@@ -44,9 +44,7 @@ def test_a_contact_pressed_by_a_sine_closes_in_every_period(method: str, periods
 @pytest.mark.parametrize("method", ["auto", "BDF", "RK4"])
 @pytest.mark.parametrize("start", [0.0, 1.0, 3.0])
 @pytest.mark.parametrize("jump", [1.0, 3.0])
-def test_a_normal_force_that_touches_0_as_something_else_happens(
-    method: str, start: float, jump: float
-) -> None:
+def test_a_normal_force_that_touches_0_as_something_else_happens(method: str, start: float, jump: float) -> None:
     """N = 2 - 2 cos(2 pi (t - 1) / 2) touches 0 at 1, 3 and 5 s: as the run starts, or a force of 0.5 N begins.
 
     Friction takes t - sin(pi (t - 1)) / pi from the velocity in between.
@@ -61,9 +59,7 @@ def test_a_normal_force_that_touches_0_as_something_else_happens(
     taken = 4.5 - start - (math.sin(3.5 * math.pi) - math.sin((start - 1) * math.pi)) / math.pi
     exact = 9.0 - taken + 0.5 * (4.5 - max(start, jump))
     assert not result.events
-    assert result.velocity("a")[-1] == pytest.approx(
-        exact, abs={"auto": 1e-13, "BDF": 1e-6, "RK4": 1e-3}[method]
-    )
+    assert result.velocity("a")[-1] == pytest.approx(exact, abs={"auto": 1e-13, "BDF": 1e-6, "RK4": 1e-3}[method])
 
 
 @pytest.mark.parametrize("stop", [2.0, 2.5])

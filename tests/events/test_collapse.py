@@ -39,9 +39,7 @@ def contact(name: str, a: str, b: str, level: float) -> Contact:
 def torn(*rows: Contact | OneWay | Tie, bodies: int = 1, **options: Any) -> Result:
     """Run bodies of 1 kg between the ground and a belt that starts at 1 s with 1 m/s2."""
     belt = Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0]))
-    return simulate(
-        Scene(*(Body(f"b{k}", inertia=1.0) for k in range(bodies)), belt, *rows), (0.0, 1.5), **options
-    )
+    return simulate(Scene(*(Body(f"b{k}", inertia=1.0) for k in range(bodies)), belt, *rows), (0.0, 1.5), **options)
 
 
 def changes(result: Result) -> set[tuple[str, float, int]]:

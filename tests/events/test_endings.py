@@ -40,9 +40,7 @@ def ending(*velocities: float) -> tuple[Motion, Guards, Path]:
     system = System(scene)
     forward, none = np.ones(system.m, dtype=np.int8), np.zeros(system.m, dtype=bool)
     y = system.at_start()
-    motion = Motion(
-        equations_in(forward, system), system.loads(0.0, 2.0).after(0.0), 0.0, y, np.zeros(system.m)
-    )
+    motion = Motion(equations_in(forward, system), system.loads(0.0, 2.0).after(0.0), 0.0, y, np.zeros(system.m))
     guards = Guards(motion, forward, none, none, np.full(system.m, UNCERTAIN))
     last = np.array(velocities)
     return motion, guards, Path(np.array([0.0, 0.5]), np.array([[y, last - y]]), last, True)
@@ -62,9 +60,7 @@ def test_what_is_beyond_0_by_errors_only_has_not_passed_it(beyond: float, has_pa
 @pytest.mark.parametrize(
     ("beyond", "alone"), [(0.0, (1, 0)), (5e-10, (1, 0)), (5e-7, None), (9.999e-7, (1, 0)), (2e-6, (1, 0))]
 )
-def test_the_only_row_near_0_is_alone_there_once_it_has_passed_it(
-    beyond: float, alone: tuple[int, int] | None
-) -> None:
+def test_the_only_row_near_0_is_alone_there_once_it_has_passed_it(beyond: float, alone: tuple[int, int] | None) -> None:
     _, guards, path = ending(0.5, -beyond, 0.3)
     assert alone_at_limit(guards, path) == alone
     assert alone_at_limit(guards, replace(path, hit=False)) is None

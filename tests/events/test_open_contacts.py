@@ -128,9 +128,7 @@ def test_where_nothing_else_happens_no_root_is_looked_for() -> None:
     ],
     ids=["opens", "opens and closes"],
 )
-def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(
-    normal: Signal, formulation: str
-) -> None:
+def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(normal: Signal, formulation: str) -> None:
     # the springs hold each other within a stuck group: what is left of their sum is roundoff
     law, stiffness = DryFriction(0.9, 0.5), 26.1
     scene = Scene(
@@ -288,9 +286,7 @@ def test_it_turns_with_a_drive_that_jumps(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("held", [["driven"], ["driven", "floor"], ["floor", "driven"]])
-def test_it_stops_and_goes_on_with_the_drive_that_its_body_is_held_to(
-    held: list[str], formulation: str
-) -> None:
+def test_it_stops_and_goes_on_with_the_drive_that_its_body_is_held_to(held: list[str], formulation: str) -> None:
     """2 or 4 N of friction stop 1 kg at 1 m/s after 0.5 or 0.25 s; the drive stands still until 2 s."""
     scene = Scene(
         Body("b", inertia=1.0, velocity=1.0),
@@ -319,9 +315,7 @@ def test_it_moves_whatever_the_unit_of_time(time: float, method: str) -> None:
     assert set(result.mode("open").tolist()) == {1}
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}]
-)
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
 def test_a_normal_force_that_dies_away_just_before_its_load_ends(options: dict[str, Any]) -> None:
     """A contact lets go as N = 16355 (3.66 - t) + 26.9 v comes to 44.5 x / 0.294, and opens 4e-14 s before 3.66 s.
 
@@ -447,9 +441,7 @@ def test_it_comes_to_rest_where_its_force_ends(after: float, formulation: str) -
     "way",
     [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}, {"formulation": "merged"}],
 )
-def test_an_open_contact_shows_rest_and_what_ends_it_whatever_the_tolerance(
-    way: dict[str, Any], rtol: float
-) -> None:
+def test_an_open_contact_shows_rest_and_what_ends_it_whatever_the_tolerance(way: dict[str, Any], rtol: float) -> None:
     """a stops after 0.5 / (0.3 * 7) s, and b rests beside it until 1 s, when c begins to take it along."""
     dry = DryFriction(0.4, 0.3)
     scene = Scene(
@@ -544,9 +536,7 @@ def test_bristles_that_nothing_presses_are_straight(law: Any, options: dict[str,
 
 @pytest.mark.parametrize("peak", [2.0, 5.0])
 @pytest.mark.parametrize("beside", [False, True])
-def test_a_pulse_of_which_nothing_is_seen_at_the_start_moves_it_from_there_on(
-    peak: float, beside: bool
-) -> None:
+def test_a_pulse_of_which_nothing_is_seen_at_the_start_moves_it_from_there_on(peak: float, beside: bool) -> None:
     """A Gaussian of 3 N and 0.5 s pushes 1 kg: v grows from the start to 0.75 sqrt(pi) at its peak."""
     pulse = signal(lambda t: 3.0 * math.exp(-(((t - peak) / 0.5) ** 2)))
     scene = Scene(
@@ -598,9 +588,7 @@ HOLDERS = {
 @pytest.mark.parametrize("by_parts", [False, True])
 @pytest.mark.parametrize("normal", [step(1.0, 0.0, 1.0), 0.0, -1.0], ids=["pressed on", "none", "apart"])
 @pytest.mark.parametrize("holder", HOLDERS)
-def test_a_drive_that_jumps_as_an_open_contact_comes_to_rest(
-    holder: str, normal: Any, by_parts: bool
-) -> None:
+def test_a_drive_that_jumps_as_an_open_contact_comes_to_rest(holder: str, normal: Any, by_parts: bool) -> None:
     """The belt slows down to 0 in 1 s, and jumps to -1 m/s: friction hands on no impulse, the block stays behind."""
     scene = Scene(
         Body("b", inertia=1.0),

@@ -66,9 +66,7 @@ def test_two_contacts_let_go_at_the_sum_of_their_levels(formulation: str) -> Non
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_shares_come_and_go_without_jumps(formulation: str) -> None:
     """A sine of 3 N turns the shares about without an event; each is half the load, or 0.6 N of the weak one."""
-    result = simulate(
-        pair(sine(3.0, 1.0)), (0.0, 2.0), t_eval=np.linspace(0, 2, 401), formulation=formulation
-    )
+    result = simulate(pair(sine(3.0, 1.0)), (0.0, 2.0), t_eval=np.linspace(0, 2, 401), formulation=formulation)
     assert not result.events
     load = 3.0 * np.sin(2 * np.pi * result.t)
     weak = np.clip(0.5 * load, -0.6, 0.6)
@@ -116,9 +114,7 @@ def test_each_side_has_its_level(formulation: str) -> None:
 def test_a_brake_that_opens_hands_its_share_over(formulation: str) -> None:
     """2.5 N: the pad holds 3 N alone; the brake carries half where it can, else its level, down to nothing."""
     brake = piecewise_linear([0, 1, 2], [10, 0, 0])
-    result = simulate(
-        pair(2.5, weak=brake), (0.0, 2.0), t_eval=[0.2, 0.5, 0.7, 0.9, 1.5], formulation=formulation
-    )
+    result = simulate(pair(2.5, weak=brake), (0.0, 2.0), t_eval=[0.2, 0.5, 0.7, 0.9, 1.5], formulation=formulation)
     assert not [e for e in result.events if e.contact == "strong"]
     weak = [1.25, 1.25, 0.9, 0.3, 0.0]
     np.testing.assert_allclose(both(result), [[2.5 - w for w in weak], weak], atol=1e-7)
@@ -271,9 +267,7 @@ def test_rows_in_a_ring_that_come_to_their_levels_together(formulation: str) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part_by_part", [False, True])
-def test_many_blocks_on_two_contacts_each_move_as_on_one(
-    part_by_part: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_blocks_on_two_contacts_each_move_as_on_one(part_by_part: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two contacts of one law share what a block needs up to ``mu (N_1 + N_2)``: as one contact with that normal force.
 
     All of them rest at the start, so all places where rows lock the same motion are searched at once.
@@ -333,9 +327,7 @@ def test_what_others_bring_to_rest_is_at_rest(method: str, velocity: float) -> N
     ("method", "formulation"), [("auto", "contact-force"), *(("BDF", one) for one in FORMULATIONS)]
 )
 @pytest.mark.parametrize("force", [-3.0, 3.0])
-def test_a_share_at_its_level_holds_nothing_when_a_drive_moves_off(
-    force: float, method: Any, formulation: Any
-) -> None:
+def test_a_share_at_its_level_holds_nothing_when_a_drive_moves_off(force: float, method: Any, formulation: Any) -> None:
     """A belt of level 8 N and the ground of 0.5 N hold a block; at 1 s the belt moves off with 1 m/s^2.
 
     The belt is the stronger one: the ground, which had carried its level of the 3 N, slides with 0.5 N.

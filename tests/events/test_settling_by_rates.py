@@ -148,9 +148,7 @@ def stepped(amplitude: float, frequency: float, phase: float, stop: float) -> fl
 def test_freewheels_under_random_sines(number: int) -> None:
     draw = random.Random(number)
     load = draw.uniform(1, 5), draw.uniform(0.2, 1), draw.uniform(0, 6)
-    scene = Scene(
-        Body("b", inertia=1.0), Contact("c", "b", GROUND, FREEWHEEL, normal=10.0), Force("b", sine(*load))
-    )
+    scene = Scene(Body("b", inertia=1.0), Contact("c", "b", GROUND, FREEWHEEL, normal=10.0), Force("b", sine(*load)))
     wanted = stepped(*load, 5.0)
     for formulation in FORMULATIONS:
         result = simulate(scene, (0.0, 5.0), formulation=formulation, t_eval=[5.0])

@@ -26,9 +26,7 @@ def shared(ends: Ends, levels: Any, pushes: np.ndarray, radii: Any = None) -> Sh
         Scene(
             *(Body(f"b{i}", inertia=float(i + 1)) for i in range(pushes.size)),
             *(
-                Contact(
-                    f"c{j}", f"b{a}", GROUND if b < 0 else f"b{b}", law, normal=level, radius_a=float(radius)
-                )
+                Contact(f"c{j}", f"b{a}", GROUND if b < 0 else f"b{b}", law, normal=level, radius_a=float(radius))
                 for j, ((a, b), level, radius) in enumerate(zip(ends, levels, radii, strict=True))
             ),
             *(Force(f"b{i}", float(push)) for i, push in enumerate(pushes)),
@@ -36,9 +34,7 @@ def shared(ends: Ends, levels: Any, pushes: np.ndarray, radii: Any = None) -> Sh
     )
     modes = np.zeros(system.m, dtype=np.int8)
     loads = system.loads(0.0, 1.0)
-    motion = Motion(
-        equations_in(modes, system), loads.after(0.0), 0.0, np.zeros(system.size), np.zeros(system.m)
-    )
+    motion = Motion(equations_in(modes, system), loads.after(0.0), 0.0, np.zeros(system.size), np.zeros(system.m))
     none = np.zeros(system.m, dtype=bool)
     return share(motion, Guards(motion, modes, none, none), np.ones(modes.size, dtype=bool))
 

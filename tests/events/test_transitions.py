@@ -168,9 +168,7 @@ def test_dwell_times_beyond_all_scales(dwell: float) -> None:
     assert 3 * event.t == pytest.approx(5 if dwell < 1 else 3, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "law", [DryFriction(0.5, 0.5), DryFriction(1e6, 1.0), DryFriction(0.5, 0.0)], ids=str
-)
+@pytest.mark.parametrize("law", [DryFriction(0.5, 0.5), DryFriction(1e6, 1.0), DryFriction(0.5, 0.0)], ids=str)
 def test_static_to_coulomb_ratio_has_no_bounds(law: DryFriction) -> None:
     level = 10 * law.mu_static
     load = piecewise_linear([0, 2], [0, 2 * level])
@@ -407,9 +405,7 @@ def test_the_most_overloaded_contact_is_found_by_the_level_on_its_side() -> None
     """All stuck: lambda_0 = -25.4 of 17 backward, lambda_1 = -13.5 of 8: c1 goes, and then c0 holds -11.9 - 4."""
 
     def law(forward: float, backward: float) -> DryFriction:
-        return DryFriction(
-            forward, forward / 2, mu_static_backward=backward, mu_coulomb_backward=backward / 2
-        )
+        return DryFriction(forward, forward / 2, mu_static_backward=backward, mu_coulomb_backward=backward / 2)
 
     scene = Scene(
         Body("b0", inertia=2.0),
@@ -515,9 +511,7 @@ def test_a_brake_on_a_wheel_at_rest_does_not_slip() -> None:
     load = piecewise_linear([0, 0.5, 3, 4], [0, 4.9, 4.9, 0])
     result = simulate(braked(load, triangle(1, 2, 3, slope=10)), (0.0, 5.0))
     assert not result.events and np.all(result.velocity("wheel") == 0)
-    np.testing.assert_allclose(
-        result.force("pad") + result.force("brake"), [load(t) for t in result.t], atol=1e-9
-    )
+    np.testing.assert_allclose(result.force("pad") + result.force("brake"), [load(t) for t in result.t], atol=1e-9)
     for contact in ("pad", "brake"):
         assert np.all(np.abs(result.force(contact)) <= result.breakaway(contact) + 1e-9)
 
@@ -526,9 +520,7 @@ def test_a_brake_on_a_wheel_at_rest_does_not_slip() -> None:
 def test_a_brake_that_closes_takes_its_share_as_soon_as_it_can(formulation: str) -> None:
     # 3 N: the brake carries its level up to the least norm of 1.5 N each, from 3 N of normal force on, at 1.003 s
     load = piecewise_linear([1.0, 1.1, 1.2], [0, 100, 0])
-    result = simulate(
-        braked(3.0, load), (0.0, 2.0), t_eval=[1.002, 1.004, 1.05, 1.15], formulation=formulation
-    )
+    result = simulate(braked(3.0, load), (0.0, 2.0), t_eval=[1.002, 1.004, 1.05, 1.15], formulation=formulation)
     assert not result.events
     np.testing.assert_allclose(result.force("brake"), [0.5 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
     np.testing.assert_allclose(result.force("pad"), [3.0 - 0.5 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
@@ -563,8 +555,7 @@ def test_loops_stick_as_one_and_hold_their_load(contacts: int) -> None:
     """A ring of bodies: the motion is unique, the forces are not; those given carry the load and are the least."""
     bodies = [Body(f"b{i}", inertia=1.0, velocity=0.1) for i in range(contacts)]
     ring = [
-        Contact(f"c{i}", f"b{i}", f"b{(i + 1) % contacts}", DryFriction(5.0, 4.0), normal=10.0)
-        for i in range(contacts)
+        Contact(f"c{i}", f"b{i}", f"b{(i + 1) % contacts}", DryFriction(5.0, 4.0), normal=10.0) for i in range(contacts)
     ]
     result = simulate(Scene(*bodies, *ring, Force("b0", sine(6.0, 0.5))), (0.0, 3.0))
     assert not result.events
@@ -594,9 +585,7 @@ def test_a_loop_that_breaks_starts_to_move_everywhere() -> None:
 
 @pytest.mark.parametrize("method", ["auto", "BDF", "Adams"])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e9])
-def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(
-    method: str, unit: float
-) -> None:
+def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(method: str, unit: float) -> None:
     """A pull of t N lets go at 1 s, v = (t - 1)^2 / 2 m/s; the other block stops at 2 s. All times are in `unit`."""
     law = DryFriction(1.0, 1.0)
     scene = Scene(
@@ -633,9 +622,7 @@ def test_a_drive_that_comes_to_rest_with_a_corner_shakes_nothing_loose() -> None
             "b1",
             "d",
             DryFriction(4.0, 2.0, dwell=0.05),
-            normal=piecewise_linear(
-                [2.75, corner, 4.4], [-0.7520661157024792, 1.5041322314049583, 0.3760330578512396]
-            ),
+            normal=piecewise_linear([2.75, corner, 4.4], [-0.7520661157024792, 1.5041322314049583, 0.3760330578512396]),
         ),
         Contact("c1", "b1", "b3", DryFriction(1.0, 0.5), normal=0.7520661157024792, rested=0.275),
         Contact(
@@ -672,8 +659,6 @@ def test_breaks_that_differ_by_roundoff_are_one() -> None:
         Force("b1", piecewise_linear([1.0, 1.0, 2.5, 4.0], [-3.0, 0.0, -3.0, 2.0])),
     )
     result = simulate(scene, (0.0, 4.0))
-    assert [(event.contact, event.t) for event in result.events if abs(event.t - 3.0) < 1e-9] == [
-        ("free", 3.0)
-    ]
+    assert [(event.contact, event.t) for event in result.events if abs(event.t - 3.0) < 1e-9] == [("free", 3.0)]
     sample = result.sample([2.99, 3.02])
     assert np.all(sample.breakaway("c0") > 3.99 * sample.normal("c0"))

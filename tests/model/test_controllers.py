@@ -36,9 +36,7 @@ def test_a_continuous_pid_hunts_in_the_exact_limit_cycle() -> None:
     result = simulate(servo(), (0.0, 250.0))
     assert result.stats["engine"] == "Taylor series"
     stuck = [event.t for event in result.events if event.after == 0]
-    np.testing.assert_allclose(
-        abs(1 - result.sample(stuck[-2:]).position("m")), 0.0672401469208670, atol=1e-10
-    )
+    np.testing.assert_allclose(abs(1 - result.sample(stuck[-2:]).position("m")), 0.0672401469208670, atol=1e-10)
 
 
 @pytest.mark.slow
@@ -51,9 +49,7 @@ def test_a_fast_sampled_pid_hunts_nearly_so() -> None:
 
 @pytest.mark.parametrize("period", [None, 0.05])
 def test_limits_hold_and_the_integral_does_not_wind_up(period: float | None) -> None:
-    free = Scene(
-        *(e for e in servo(low=-2.0, high=2.0, period=period).elements if not isinstance(e, Contact))
-    )
+    free = Scene(*(e for e in servo(low=-2.0, high=2.0, period=period).elements if not isinstance(e, Contact)))
     result = simulate(free, (0.0, 30.0))
     outputs = np.atleast_2d(result.output("pid"))[0]
     assert np.abs(outputs).max() <= 2.0 + 1e-12

@@ -288,9 +288,7 @@ def test_dahl_hysteresis_starts_and_turns_with_the_stiffness() -> None:
 
 def test_dahl_creeps_where_dry_friction_holds() -> None:
     """A pulsating load below the friction level moves a Dahl contact a little each time; a hard one never."""
-    pulses = sum(
-        (triangle(k, k + 0.5, k + 1.0, slope=3.0) for k in range(1, 5)), triangle(0.0, 0.5, 1.0, slope=3.0)
-    )
+    pulses = sum((triangle(k, k + 0.5, k + 1.0, slope=3.0) for k in range(1, 5)), triangle(0.0, 0.5, 1.0, slope=3.0))
     soft = simulate(dahl(pulses), (0.0, 5.0))
     hard = simulate(slider(DryFriction(0.4, 0.2), Force("a", pulses)), (0.0, 5.0))
     assert soft.stats["guards"] == 0 and not soft.events
@@ -305,9 +303,7 @@ def test_bristles_of_a_contact_that_jumps_open_and_shut() -> None:
         Dahl(DryFriction(0.5, 0.4), 1e3),
         LuGre(DryFriction(0.5, 0.4, stribeck_velocity=0.1), 1e3, 5.0),
     ):
-        result = simulate(
-            slider(law, Force("a", 6.0), velocity=1.0, normal=normal), (0.0, 3.0), t_eval=[0.9, 1.5, 2.9]
-        )
+        result = simulate(slider(law, Force("a", 6.0), velocity=1.0, normal=normal), (0.0, 3.0), t_eval=[0.9, 1.5, 2.9])
         np.testing.assert_allclose(result.force("c"), [4.0, 0.0, 4.0], atol=1e-6)
 
 

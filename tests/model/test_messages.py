@@ -128,9 +128,7 @@ def test_all_constructors_are_looked_at() -> None:
         ),
     ],
 )
-def test_what_a_new_user_writes_is_answered_with_what_to_write(
-    written: Callable[[Any], Any], message: str
-) -> None:
+def test_what_a_new_user_writes_is_answered_with_what_to_write(written: Callable[[Any], Any], message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         written(velocity("a"))
 

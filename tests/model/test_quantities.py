@@ -48,9 +48,7 @@ def scene_with(load: Any) -> Scene:
 
 
 def test_sums_keep_each_quantity_once_and_all_signals_together() -> None:
-    load = (
-        2 * position("a") - velocity("b") + 3.0 + triangle(0, 1, 2, slope=1) + position("a") / 2 - sine(1, 1)
-    )
+    load = 2 * position("a") - velocity("b") + 3.0 + triangle(0, 1, 2, slope=1) + position("a") / 2 - sine(1, 1)
     assert dict(load.terms) == {position("a"): 2.5, velocity("b"): -1.0}
     assert load.signal(1.0) == pytest.approx(4.0)
     assert 1.0 - velocity("a") == Expression(((velocity("a"), -1.0),), Constant(1.0))
@@ -173,9 +171,7 @@ def test_a_scene_knows_what_its_quantities_name(load: Any, message: str) -> None
 )
 def test_files_that_describe_no_quantity(data: Any, message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
-        Scene.from_dict(
-            {"bodies": [{"name": "a", "inertia": 1.0}], "forces": [{"body": "a", "signal": data}]}
-        )
+        Scene.from_dict({"bodies": [{"name": "a", "inertia": 1.0}], "forces": [{"body": "a", "signal": data}]})
 
 
 def test_quantities_are_printed_as_they_are_written() -> None:

@@ -84,9 +84,7 @@ def test_a_scene_is_frozen_and_compares_by_value() -> None:
 
 def test_a_scene_prints_the_call_that_makes_it() -> None:
     text = repr(WHEELS)
-    assert text.startswith(
-        "Scene(Body(name='wheel1', inertia=1.0, velocity=1.0, position=0.0, motion=None), "
-    )
+    assert text.startswith("Scene(Body(name='wheel1', inertia=1.0, velocity=1.0, position=0.0, motion=None), ")
     assert "Contact(name='brake', a='wheel1', b='ground'" in text
 
 
@@ -217,9 +215,7 @@ def test_the_work_to_make_a_scene_grows_with_its_size_not_with_the_square() -> N
     for count in (500, 2000):
         names = [CountedName(f"b{i}") for i in range(count)]
         bodies = [Body(name, inertia=1.0) for name in names]
-        contacts = [
-            Contact(CountedName(f"c{i}"), names[i], names[i + 1], DRY, normal=10.0) for i in range(count - 1)
-        ]
+        contacts = [Contact(CountedName(f"c{i}"), names[i], names[i + 1], DRY, normal=10.0) for i in range(count - 1)]
         CountedName.looks = 0
         scene = Scene(*bodies, *contacts)
         looks.append(CountedName.looks)

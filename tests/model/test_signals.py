@@ -109,9 +109,7 @@ def test_a_sine_that_does_not_move_is_a_constant() -> None:
     assert Sine(3.0, 0.0).period is None
 
 
-@pytest.mark.parametrize(
-    "s", [sine(2.0, 3.0, 0.4, 1.0), sine(1.0, 1.0) + step(0.5), sine(1, 1) + sine(2, 7, 1.0)]
-)
+@pytest.mark.parametrize("s", [sine(2.0, 3.0, 0.4, 1.0), sine(1.0, 1.0) + step(0.5), sine(1, 1) + sine(2, 7, 1.0)])
 def test_slopes_of_curved_signals_are_derivatives(s: Signal) -> None:
     for t in (0.1, 0.37, 0.77):
         assert s.slope(t) == pytest.approx((s(t + 1e-6) - s(t - 1e-6)) / 2e-6, rel=1e-6)
@@ -279,9 +277,7 @@ def lines(draw: st.DrawFn) -> PiecewiseLinear:
 
 @settings(deadline=None)
 @given(lines(), lines(), st.floats(-25, 25))
-def test_the_sum_of_lines_is_their_sum_at_every_time(
-    a: PiecewiseLinear, b: PiecewiseLinear, t: float
-) -> None:
+def test_the_sum_of_lines_is_their_sum_at_every_time(a: PiecewiseLinear, b: PiecewiseLinear, t: float) -> None:
     total = a + b
     assert isinstance(total, PiecewiseLinear)
     for at in (t, *a.times, *b.times):

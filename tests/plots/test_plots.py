@@ -274,9 +274,7 @@ def test_force_lies_within_its_level(wheels):
 def anisotropic(**options):
     """A body on ground that holds 5 N forward (0.5 10 N) and 1 N backward (0.1 10 N), pushed to and fro."""
     dry = DryFriction(0.5, 0.4, mu_static_backward=0.1, mu_coulomb_backward=0.05, **options)
-    scene = Scene(
-        Body("m", inertia=1.0), Contact("c", "m", GROUND, dry, normal=10.0), Force("m", sine(6.0, 1.0))
-    )
+    scene = Scene(Body("m", inertia=1.0), Contact("c", "m", GROUND, dry, normal=10.0), Force("m", sine(6.0, 1.0)))
     return simulate(scene, (0.0, 2.0))
 
 
@@ -422,9 +420,7 @@ def test_long_names_leave_room_for_the_axes():
     contact = Contact(rub, body, GROUND, DryFriction(0.5, 0.5), normal=1.0)
     figure = plots.overview(simulate(Scene(Body(body, inertia=1.0, velocity=1.0), contact), (0.0, 4.0)))
     figure.draw_without_rendering()
-    assert "flywheel on the …r of the starter" in [
-        t.get_text() for t in figure.axes[0].get_legend().get_texts()
-    ]
+    assert "flywheel on the …r of the starter" in [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
     assert figure.axes[1].get_yticklabels()[0].get_text() == "c" * 16 + "…" + "c" * 16
 
 
@@ -472,9 +468,7 @@ def test_names_within_the_axes_stand_before_the_strips(wheels):
     assert ax.yaxis.get_zorder() > max(strip.get_zorder() for strip in ax.collections)
 
 
-@pytest.mark.parametrize(
-    ("motion", "velocity", "force"), [("rotation", "rad/s", "N m"), ("translation", "m/s", "N")]
-)
+@pytest.mark.parametrize(("motion", "velocity", "force"), [("rotation", "rad/s", "N m"), ("translation", "m/s", "N")])
 def test_only_the_unit_that_applies_is_shown(motion, velocity, force):
     result = simulate(Scene(*flywheel_benchmark().elements, motion=motion), (0.0, 1.0))
     shown = [ax.get_ylabel() for ax in plots.overview(result).axes]

@@ -141,9 +141,7 @@ def test_blocks_stand_below():
 
 def test_units_are_those_of_the_motion():
     assert "hub: 1 kg m²" in texts(plots.schematic(STAR))
-    sliding = Scene(
-        Body("a", inertia=2.0), Spring("a", GROUND, stiffness=3.0), Force("a", 4.0), motion="translation"
-    )
+    sliding = Scene(Body("a", inertia=2.0), Spring("a", GROUND, stiffness=3.0), Force("a", 4.0), motion="translation")
     assert set(texts(plots.schematic(sliding))) == {"a: 2 kg", "k = 3 N/m", "F = 4 N"}
     turning = Scene(*sliding.elements, motion="rotation")
     assert set(texts(plots.schematic(turning))) == {"a: 2 kg m²", "k = 3 N m/rad", "F = 4 N m"}

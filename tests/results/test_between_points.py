@@ -34,9 +34,7 @@ WAYS = (("contact-force", "BDF"), ("contact-force", "Adams"), ("merged", "BDF"),
 @pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "method"), WAYS)
 @pytest.mark.parametrize("rtol", [1e-6, 1e-12])
-def test_an_undamped_oscillator_is_as_right_between_its_points(
-    formulation: str, method: str, rtol: float
-) -> None:
+def test_an_undamped_oscillator_is_as_right_between_its_points(formulation: str, method: str, rtol: float) -> None:
     """``v = cos(1000 t)``: the values between the points are as right as the points."""
     omega = 1000.0
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), Spring("m", GROUND, stiffness=omega**2))
@@ -114,9 +112,7 @@ def test_the_last_steps_before_sticking(formulation: str, method: str, rtol: flo
             if not np.all(np.diff(t) > 0):
                 continue
             start = [r.position("m")[k], r.velocity("m")[k]]
-            y = solve_ivp(
-                rate, (r.t[k], r.t[k + 1]), start, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=t
-            ).y
+            y = solve_ivp(rate, (r.t[k], r.t[k + 1]), start, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=t).y
             assert np.abs(r(t)[0] - y[1]).max() <= 100 * rtol
             assert np.abs(r(t)[1] - y[0]).max() <= 100 * rtol
 
@@ -295,9 +291,7 @@ def test_forces_of_stuck_contacts_keep_the_tolerance(formulation: str, rtol: flo
 def test_the_force_of_a_block_at_rest_is_what_pushes_it(formulation: str, rtol: float) -> None:
     """Nothing moves: the contact holds ``3 sin(pi t)`` N against the ground, to roundoff."""
     law = DryFriction(0.9, 0.8)
-    scene = Scene(
-        Body("m", inertia=1.3), Contact("c", "m", GROUND, law, normal=10.0), Force("m", sine(3.0, 0.5))
-    )
+    scene = Scene(Body("m", inertia=1.3), Contact("c", "m", GROUND, law, normal=10.0), Force("m", sine(3.0, 0.5)))
     t = np.linspace(0.0, 10.0, 501)
     r = simulate(scene, (0.0, 10.0), formulation=formulation, rtol=rtol, atol=1e-2 * rtol, t_eval=t)
     assert np.abs(r.force("c") - 3.0 * np.sin(np.pi * t)).max() <= 1e-12

@@ -20,10 +20,7 @@ def blocks() -> Scene:
     places = 0.5 + 0.5 * np.sin(7.3 * np.arange(len(NAMES)))
     return Scene(
         Drive("belt", velocity=0.3),
-        *(
-            Body(s, inertia=1.0, velocity=0.3, position=x)
-            for s, x in zip(NAMES, places.tolist(), strict=True)
-        ),
+        *(Body(s, inertia=1.0, velocity=0.3, position=x) for s, x in zip(NAMES, places.tolist(), strict=True)),
         *(Contact(f"c{s}", s, "belt", law, normal=5.0 + triangle(1.0, 2.0, 3.0, slope=1.0)) for s in NAMES),
         *(Spring(s, GROUND, stiffness=1.0, damping=0.05) for s in NAMES),
         *(Spring(a, b, stiffness=3.0) for a, b in pairwise(NAMES)),
@@ -31,9 +28,7 @@ def blocks() -> Scene:
 
 
 @pytest.mark.parametrize("times", [None, np.linspace(0.0, 5.0, 77)], ids=["fit for a plot", "given"])
-def test_reading_one_by_one_is_reading_a_table(
-    monkeypatch: pytest.MonkeyPatch, times: np.ndarray | None
-) -> None:
+def test_reading_one_by_one_is_reading_a_table(monkeypatch: pytest.MonkeyPatch, times: np.ndarray | None) -> None:
     scene = blocks()
     table = simulate(scene, (0.0, 5.0), t_eval=times)
     monkeypatch.setattr(samples, "_WIDE", 0)

@@ -183,9 +183,7 @@ def belt() -> Scene:
 
 def same_events(one: Result, parts: list[Result], tolerance: float) -> None:
     events = [event for part in parts for event in part.events]
-    assert [(e.contact, e.before, e.after) for e in events] == [
-        (e.contact, e.before, e.after) for e in one.events
-    ]
+    assert [(e.contact, e.before, e.after) for e in events] == [(e.contact, e.before, e.after) for e in one.events]
     np.testing.assert_allclose([e.t for e in events], [e.t for e in one.events], rtol=0, atol=tolerance)
 
 
@@ -239,9 +237,7 @@ def test_a_run_cut_at_many_times_is_the_run_by_cvode(name: str) -> None:
     check_cut(name, 12, 1e-7, **CVODE)
 
 
-@pytest.mark.parametrize(
-    "law", [LuGre(DRY, stiffness=1e4, damping=50.0), PreSlip(DryFriction(0.4, 0.25), 1e-3)]
-)
+@pytest.mark.parametrize("law", [LuGre(DRY, stiffness=1e4, damping=50.0), PreSlip(DryFriction(0.4, 0.25), 1e-3)])
 def test_bristles_and_slip_states_go_on(law: Any) -> None:
     whole = simulate(on_a_belt(law), (0.0, 3.0), rtol=1e-9)
     parts = cut(on_a_belt(law), [0.0, 0.4, 0.9, 1.7, 3.0], rtol=1e-9)
@@ -329,9 +325,7 @@ def test_a_body_at_rest_near_a_limit_of_0_stays_there() -> None:
     assert not simulate(then, (5e6, 6e6)).events
 
 
-@pytest.mark.parametrize(
-    "mode", [0, AT_HIGH, AT_LOW], ids=["held", "at its upper level", "at its lower level"]
-)
+@pytest.mark.parametrize("mode", [0, AT_HIGH, AT_LOW], ids=["held", "at its upper level", "at its lower level"])
 @pytest.mark.parametrize("side", [1, -1])
 def test_only_a_limit_of_0_takes_roundoff_off(side: int, mode: int) -> None:
     """Closed at 1e-9 m, though its other limit is 0, or at 0; it has been 1e7 m away, whose roundoff is 1e-8 m.
@@ -382,9 +376,7 @@ def test_an_event_that_stops_at_a_sample_does_not_take_it_twice(stop: float) -> 
     """A counter gives 0, 1, 2, ... N for half a second each: v(3) = (0 + 1 + ... + 5) / 2."""
 
     def scene() -> Scene:
-        counter = Sampled(
-            "n", period=0.5, states=[0.0], update=lambda t, x, u: x + 1, output=lambda t, x, u: x
-        )
+        counter = Sampled("n", period=0.5, states=[0.0], update=lambda t, x, u: x + 1, output=lambda t, x, u: x)
         return Scene(Body("a", inertia=1.0), counter, Force("a", output("n")))
 
     first = simulate(scene(), (0.0, 3.0), events=[When("now", TIME - stop, stop=True)])

@@ -53,9 +53,7 @@ def test_motion_without_springs_and_dampers_balances_to_roundoff(name):
 
 
 def test_a_sliding_block_turns_its_energy_to_heat():
-    scene = Scene(
-        Body("block", inertia=2.0, velocity=3.0), Contact("floor", "block", GROUND, DRY, normal=10.0)
-    )
+    scene = Scene(Body("block", inertia=2.0, velocity=3.0), Contact("floor", "block", GROUND, DRY, normal=10.0))
     result = simulate(scene, (0.0, 10.0))
     ledger = energy(result)
     assert ledger.kinetic[0] == 9.0
@@ -140,8 +138,7 @@ def test_regularized_contacts_balance():
 def test_fixed_steps_show_their_error():
     story = reference("pulled-block")
     errors = [
-        energy(simulate(story.scene, (0.0, 12.0), method="Euler", step=step)).relative_error
-        for step in (0.02, 0.01)
+        energy(simulate(story.scene, (0.0, 12.0), method="Euler", step=step)).relative_error for step in (0.02, 0.01)
     ]
     assert 1e-5 < errors[1] < errors[0] < 0.1
 

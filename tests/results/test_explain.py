@@ -294,6 +294,4 @@ def test_open_contacts_tell_where_their_velocity_points() -> None:
     )
     text = explain(simulate(scene, (0.0, 3.0)))
     assert "1 s  rests STUCK -> FORWARD: carries no force; its relative velocity now points forward" in text
-    assert (
-        "2 s  thrown FORWARD -> BACKWARD: carries no force; its relative velocity now points backward" in text
-    )
+    assert "2 s  thrown FORWARD -> BACKWARD: carries no force; its relative velocity now points backward" in text

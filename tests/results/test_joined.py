@@ -52,9 +52,7 @@ def test_even_times_go_through_all_runs(runs: tuple[Result, Joined]) -> None:
     assert both.sample([0.1, 0.2]).velocity("block") == pytest.approx([2.9, 2.8])
 
 
-def test_the_table_counts_heat_from_the_start_of_the_first_run(
-    runs: tuple[Result, Joined], tmp_path: Path
-) -> None:
+def test_the_table_counts_heat_from_the_start_of_the_first_run(runs: tuple[Result, Joined], tmp_path: Path) -> None:
     whole, both = runs
     whole.sample(41).to_csv(tmp_path / "whole.csv")
     both.sample(41).to_csv(tmp_path / "both.csv")
@@ -140,9 +138,7 @@ def test_it_draws_and_tells_all_runs(changed: Joined, tmp_path: Path) -> None:
     figure = changed.plot()
     assert [ax.get_ylabel() for ax in figure.axes[:2]] == ["velocity [rad/s]", "velocity [m/s]"]
     told = changed.explain()
-    assert (
-        told.startswith("From 0 s to 1 s\nScene: 2 bodies") and "\n\nFrom 1 s to 6 s\nScene: 1 body" in told
-    )
+    assert told.startswith("From 0 s to 1 s\nScene: 2 bodies") and "\n\nFrom 1 s to 6 s\nScene: 1 body" in told
     changed.report(tmp_path / "both.html")
     page = (tmp_path / "both.html").read_text(encoding="utf-8")
     for words in (

@@ -85,9 +85,7 @@ def test_a_drive_whose_velocity_is_a_function_a_triangle_or_jumps() -> None:
     t = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
     result = simulate(scene, (0.0, 2.0), t_eval=t)
     np.testing.assert_allclose(result.position("function"), 1 - np.exp(-t), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        result.position("triangle"), [0.0, 0.0, 0.75, 0.75 + 1.125, 2.25], rtol=0, atol=1e-14
-    )
+    np.testing.assert_allclose(result.position("triangle"), [0.0, 0.0, 0.75, 0.75 + 1.125, 2.25], rtol=0, atol=1e-14)
     np.testing.assert_allclose(result.position("jumps"), [5.0, 5.5, 6.0, 5.5, 5.0], rtol=0, atol=1e-14)
 
 

@@ -60,9 +60,7 @@ def test_a_bouncing_ball_is_open_but_at_rest_on_the_ground():
 
 def test_what_cannot_be_told_is_refused():
     few = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=[0.0, 1.0], dense_output=False)
-    with pytest.raises(
-        ValueError, match=r"share of 'brake': .* was not kept; simulate with dense_output=True"
-    ):
+    with pytest.raises(ValueError, match=r"share of 'brake': .* was not kept; simulate with dense_output=True"):
         few.share("brake")
     with pytest.raises(ValueError, match="no contact is called 'x'"):
         few.share("x")

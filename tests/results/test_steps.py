@@ -41,9 +41,7 @@ def test_values_and_integrals_are_those_of_each_path(
     monkeypatch.setattr(steps, "_AT_ONCE", at_once)
     rng = np.random.default_rng(at_once)
     # the third is only a state
-    paths = [
-        path(rng, count, terms, is_chebyshev) for count, terms in ((1, 2), (4, 7), (0, 1), (3, 2), (2, 9))
-    ]
+    paths = [path(rng, count, terms, is_chebyshev) for count, terms in ((1, 2), (4, 7), (0, 1), (3, 2), (2, 9))]
     blocks = Blocks(paths)
     taken = rng.permutation(np.repeat([0, 1, 2, 4], 12))
     ends = np.array([one.taus[-1] for one in paths])[taken]

@@ -59,15 +59,11 @@ def test_a_body_says_how_it_moves_and_contacts_follow() -> None:
 
 
 def test_the_word_of_a_body_counts_before_that_of_the_scene() -> None:
-    scene = Scene(
-        Body("wheel", inertia=1.0), Drive("belt", velocity=1.0, motion="translation"), motion="rotation"
-    )
+    scene = Scene(Body("wheel", inertia=1.0), Drive("belt", velocity=1.0, motion="translation"), motion="rotation")
     assert scene.motions == {"wheel": "rotation", "belt": "translation"}
     assert Scene.from_dict(scene.to_dict()) == scene
     assert scene.replace("wheel", motion="translation").motions["wheel"] == "translation"
-    with pytest.raises(
-        ValueError, match=r"body 'a': motion must be 'rotation' or 'translation', got 'linear'"
-    ):
+    with pytest.raises(ValueError, match=r"body 'a': motion must be 'rotation' or 'translation', got 'linear'"):
         Body("a", inertia=1.0, motion="linear")  # type: ignore[arg-type]
 
 
@@ -95,9 +91,7 @@ def test_tables_explanations_and_figures_name_the_units_of_each(tmp_path: Path) 
     result.to_csv(tmp_path / "line.csv")
     with (tmp_path / "line.csv").open(newline="", encoding="utf-8") as file:
         heads = next(csv.reader(file))
-    assert {"velocity wheel [rad/s]", "velocity car [m/s]", "force clutch [N m]", "force tyre [N]"} <= set(
-        heads
-    )
+    assert {"velocity wheel [rad/s]", "velocity car [m/s]", "force clutch [N m]", "force tyre [N]"} <= set(heads)
     assert output.column_units(result)["position engine"] == "rad"
 
     clutch, rim_brake = (

@@ -35,9 +35,7 @@ def reference(name: str) -> dict[str, Any]:
 # The benchmark
 
 
-@pytest.mark.parametrize(
-    ("event", "expected"), [*zip(analytic.two_flywheels().events, BENCHMARK, strict=True)]
-)
+@pytest.mark.parametrize(("event", "expected"), [*zip(analytic.two_flywheels().events, BENCHMARK, strict=True)])
 def test_benchmark_event(event: analytic.Event, expected: tuple[str, str, int, int]) -> None:
     assert near(event.time, expected[0], 18)
     assert event[1:] == expected[1:]

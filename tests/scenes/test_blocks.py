@@ -60,9 +60,7 @@ def test_pid_hunting_is_the_exact_limit_cycle(way: dict[str, Any]) -> None:
     assert abs(loose[-1] - loose[-3] - 23.3692722930883) < 10 * exact
     assert abs(stuck[-1] - max(t for t in loose if t < stuck[-1]) - 2.56843892210513) < exact
     assert abs(min(t for t in loose if t > stuck[-2]) - stuck[-2] - 9.11619722443900) < 10 * exact
-    np.testing.assert_allclose(
-        abs(result.sample(stuck[-2:]).position("m")), 0.0672401469208670, rtol=0, atol=exact
-    )
+    np.testing.assert_allclose(abs(result.sample(stuck[-2:]).position("m")), 0.0672401469208670, rtol=0, atol=exact)
 
 
 def servo(calls: list[float] | None = None) -> Scene:
@@ -250,9 +248,7 @@ def test_transfer_functions_are_taken() -> None:
     assert StateSpace("it", lag, inputs=[1.0]) == StateSpace("it", -100.0, 1.0, 200.0, 0.0, inputs=[1.0])
     with pytest.raises(ValueError, match=r"has a sample time of 0.1"):
         StateSpace("it", scipy.signal.TransferFunction([1.0], [1.0, 0.5], dt=0.1), inputs=[1.0])
-    with pytest.raises(
-        TypeError, match=r"give the state space of the transfer function, control.ss\(system\)"
-    ):
+    with pytest.raises(TypeError, match=r"give the state space of the transfer function, control.ss\(system\)"):
         StateSpace("it", SimpleNamespace(num=[1.0], den=[1.0, 1.0]), inputs=[1.0])
 
 
@@ -292,18 +288,14 @@ def test_a_normal_force_that_depends_on_its_own_power_is_a_loop() -> None:
         Body("m", inertia=1.0, velocity=1.0),
         Contact("rub", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0 + power("rub")),
     )
-    with pytest.raises(
-        ValueError, match="the power of contact 'rub' depends on itself without a state between"
-    ):
+    with pytest.raises(ValueError, match="the power of contact 'rub' depends on itself without a state between"):
         simulate(scene, (0.0, 1.0))
 
 
 def test_loops_through_states_and_samples_run() -> None:
     scene = loop(
         StateSpace("a", -1.0, 1.0, 1.0, inputs=[output("b")], states=[1.0]),
-        Sampled(
-            "b", period=0.1, inputs=[output("b"), output("a")], output=lambda t, x, u: 0.5 * u[0] - 0.1 * u[1]
-        ),
+        Sampled("b", period=0.1, inputs=[output("b"), output("a")], output=lambda t, x, u: 0.5 * u[0] - 0.1 * u[1]),
         load=output("a"),
     )
     assert simulate(scene, (0.0, 1.0)).success
@@ -361,9 +353,7 @@ def test_what_is_refused(make: Any, message: str) -> None:
     ("block", "message"),
     [
         (
-            Sampled(
-                "c", period=0.25, inputs=[velocity("m")], output=lambda t, x, u: math.nan if t > 0.4 else 0.0
-            ),
+            Sampled("c", period=0.25, inputs=[velocity("m")], output=lambda t, x, u: math.nan if t > 0.4 else 0.0),
             r"block 'c': output returned .*nan.* at t = 0.5 s with the inputs \(1\)",
         ),
         (

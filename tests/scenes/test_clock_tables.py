@@ -35,9 +35,7 @@ def law(random: np.random.Generator) -> Law:
         (0.55, lambda: DryFriction(static, coulomb, dwell=float(random.uniform(0.05, 0.3)))),
         (
             0.7,
-            lambda: DryFriction(
-                static, coulomb, mu_static_backward=0.5 * static, mu_coulomb_backward=0.4 * coulomb
-            ),
+            lambda: DryFriction(static, coulomb, mu_static_backward=0.5 * static, mu_coulomb_backward=0.4 * coulomb),
         ),
         (0.85, lambda: DryFriction(static, coulomb, stribeck_velocity=0.3)),
         (1.0, lambda: PreSlip(DryFriction(static, coulomb), 1e-2)),

@@ -159,9 +159,7 @@ def test_position_of_a_drive_with_a_sine_for_velocity(periods: float) -> None:
     scene = Scene(belt, body, Contact("pad", "block", "belt", DryFriction(0.1, 0.1), normal=1.0))
     result = simulate(scene, (0.0, periods / frequency))
     turn = 2 * math.pi * frequency
-    assert result.position("belt")[-1] == pytest.approx(
-        2 + (1 - math.cos(turn * result.t[-1])) / turn, rel=1e-8
-    )
+    assert result.position("belt")[-1] == pytest.approx(2 + (1 - math.cos(turn * result.t[-1])) / turn, rel=1e-8)
     end = float(result.t[-1])
     assert result.position("block")[-1] == pytest.approx(100 * end - 0.05 * end**2, rel=1e-12)
 
@@ -309,9 +307,7 @@ def _law_lines(result: Result) -> tuple[np.ndarray, np.ndarray]:
     return points[points[:, 0] < 0, 1], points[points[:, 0] > 0, 1]
 
 
-@pytest.mark.parametrize(
-    ("normal", "factor"), [(10.0, 10.0), (piecewise_linear([0.0, 10.0], [10.0, 20.0]), 1.0)]
-)
+@pytest.mark.parametrize(("normal", "factor"), [(10.0, 10.0), (piecewise_linear([0.0, 10.0], [10.0, 20.0]), 1.0)])
 def test_the_drawn_law_is_that_of_the_motion(normal: Any, factor: float) -> None:
     """Coefficients 0.4 forward and 0.2 backward, times 10 N; per normal force where that varies."""
     result = simulate(block(-12.0, law=SIDED, velocity=6.0, normal=normal), (0.0, 2.0))
@@ -329,9 +325,7 @@ def test_states_are_read_within_the_span_only() -> None:
     result = simulate(block(velocity=4.0), (0.0, 1.0))
     assert result([0.0, 0.4, 1.0])[0] == pytest.approx([4.0, 2.0, 0.0], abs=1e-9)
     for times in ([0.5, 1.1], [-0.1, 0.5], [-0.1, 1.1]):
-        with pytest.raises(
-            ValueError, match=rf"times must lie in \[0, 1\] s, got {times[0]:g} to {times[1]:g}"
-        ):
+        with pytest.raises(ValueError, match=rf"times must lie in \[0, 1\] s, got {times[0]:g} to {times[1]:g}"):
             result(times)
 
 
@@ -404,9 +398,7 @@ def test_an_open_contact_at_rest_goes_where_its_bodies_go(push: float) -> None:
 
 @pytest.mark.parametrize("rest", [1e-9, 3e-13])
 @pytest.mark.parametrize("options", [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
-def test_a_motion_is_resolved_that_only_the_rest_length_of_a_spring_tells(
-    options: dict[str, Any], rest: float
-) -> None:
+def test_a_motion_is_resolved_that_only_the_rest_length_of_a_spring_tells(options: dict[str, Any], rest: float) -> None:
     """x = rest (1 - cos t): the open contact turns at pi and 2 pi, however small the velocities are."""
     scene = Scene(
         Body("b", inertia=1.0),
@@ -427,9 +419,7 @@ def test_breakaway_with_a_kinetic_curve_comes_when_the_load_meets_the_risen_leve
     """From rest under 2 + 2 t: B = 5 - (5 - 3) exp(-2 t), not 5 - (5 - 1) exp(-2 t), which starts below the load."""
     law = DryFriction(0.5, 0.1, dwell=0.5, kinetic=lambda speed: 0.3)
     load = piecewise_linear([0.0, 4.0], [2.0, 10.0])
-    scene = Scene(
-        Body("block", inertia=1.0), Contact("pad", "block", GROUND, law, normal=10.0), Force("block", load)
-    )
+    scene = Scene(Body("block", inertia=1.0), Contact("pad", "block", GROUND, law, normal=10.0), Force("block", load))
     (event,) = simulate(scene, (0.0, 2.0), **options).events
     exact = brentq(lambda t: 5.0 - 2.0 * math.exp(-2.0 * t) - 2.0 - 2.0 * t, 0.5, 2.0)
     assert event.t == pytest.approx(exact, abs=1e-7) and exact == pytest.approx(1.4443517, abs=1e-7)

@@ -133,9 +133,7 @@ def test_a_load_driven_by_time_and_by_power() -> None:
 
 
 MAP = ([0.0, 1.0, 1.5, 3.0], [0.0, 1.0, 0.5, 0.0])
-LIMITED = StateSpace(
-    "s", A=[[-1.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], inputs=[power("c")], limits=[(0.0, 0.7)]
-)
+LIMITED = StateSpace("s", A=[[-1.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], inputs=[power("c")], limits=[(0.0, 0.7)])
 
 
 @pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 1e-3}])
@@ -316,9 +314,7 @@ def test_a_series_is_refused_where_a_function_acts() -> None:
 
 def test_a_changed_closure_is_called_again() -> None:
     gain = [1.0]
-    scene = Scene(
-        Body("a", inertia=1.0, velocity=1.0), Force("a", feedback(lambda v: -gain[0] * v, velocity("a")))
-    )
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Force("a", feedback(lambda v: -gain[0] * v, velocity("a"))))
     first = simulate(scene, (0.0, 1.0)).velocity("a")[-1]
     gain[0] = 2.0
     assert abs(first - math.exp(-1.0)) < 1e-6
@@ -328,9 +324,7 @@ def test_a_changed_closure_is_called_again() -> None:
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("clock", [TIME, position("clock")])
 @pytest.mark.parametrize("beside", [0, 1])
-def test_a_normal_force_that_is_a_function_ends_and_begins_again(
-    way: dict[str, Any], clock: Any, beside: int
-) -> None:
+def test_a_normal_force_that_is_a_function_ends_and_begins_again(way: dict[str, Any], clock: Any, beside: int) -> None:
     """N = 2 - 4 sin 3t: what rubs beside it goes on meanwhile, and all is as with a sine over time."""
 
     def scene(normal: Any) -> Scene:
@@ -352,9 +346,7 @@ def test_a_normal_force_that_is_a_function_ends_and_begins_again(
     stories = [[(event.contact, event.before, event.after) for event in run.events] for run in (found, exact)]
     assert stories[0] == stories[1]
     assert abs(found.velocity("pressed")[-1] - exact.velocity("pressed")[-1]) < 1e-7
-    np.testing.assert_allclose(
-        [event.t for event in found.events], [event.t for event in exact.events], atol=1e-6
-    )
+    np.testing.assert_allclose([event.t for event in found.events], [event.t for event in exact.events], atol=1e-6)
 
 
 def test_what_follows_time_and_position_is_read_at_its_time() -> None:

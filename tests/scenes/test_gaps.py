@@ -173,10 +173,7 @@ def test_a_start_beyond_a_limit_and_at_it() -> None:
 def wagons(n: int) -> Scene:
     return Scene(
         *(Body(f"{k}", inertia=1.0, position=1.5 * k, velocity=1.0 if k == 0 else 0.0) for k in range(n)),
-        *(
-            Gap(f"buffer {k}", f"{k}", f"{k + 1}", upper=-1.0, stiffness=400.0, damping=0.0)
-            for k in range(n - 1)
-        ),
+        *(Gap(f"buffer {k}", f"{k}", f"{k + 1}", upper=-1.0, stiffness=400.0, damping=0.0) for k in range(n - 1)),
     )
 
 

@@ -236,9 +236,7 @@ def test_a_drive_that_jumps_takes_what_is_tied_along_and_friction_slips() -> Non
 
 
 @every_engine
-def test_a_body_without_inertia_slips_with_the_drive_that_it_is_tied_to(
-    options: dict[str, Any], off: float
-) -> None:
+def test_a_body_without_inertia_slips_with_the_drive_that_it_is_tied_to(options: dict[str, Any], off: float) -> None:
     """It takes 0.2 N m either way: the drive does 0.2 times the way of 2 sin(2 pi t) rad/s."""
     scene = Scene(
         Body("z", inertia=0),
@@ -361,9 +359,7 @@ def test_negative_radii_turn_the_other_way() -> None:
 @every_engine
 def test_a_spring_at_radii_oscillates_with_them(options: dict[str, Any], off: float) -> None:
     """Stretch 0.5 x_a with k = 8: effective stiffness 2, mass 0.5, so omega = 2; 0.5 x_a - rest = 0 at x_a = 1."""
-    scene = Scene(
-        Body("a", inertia=0.5, position=1.3), Spring("a", GROUND, stiffness=8, rest=0.5, radius_a=0.5)
-    )
+    scene = Scene(Body("a", inertia=0.5, position=1.3), Spring("a", GROUND, stiffness=8, rest=0.5, radius_a=0.5))
     result = simulate(scene, (0, 2), **options)
     np.testing.assert_allclose(result.position("a"), 1 + 0.3 * np.cos(2 * result.t), atol=off)
     np.testing.assert_allclose(result.energy().spring, 0.5 * 8 * (0.15 * np.cos(2 * result.t)) ** 2, atol=off)
@@ -372,9 +368,7 @@ def test_a_spring_at_radii_oscillates_with_them(options: dict[str, Any], off: fl
 
 def test_radii_of_a_damper() -> None:
     """A brake fan at radius 3: torque 9 c w, so the speed falls by exp(-9 c t / J)."""
-    result = simulate(
-        Scene(Body("a", inertia=2, velocity=5), Damper("a", GROUND, damping=0.5, radius_a=3)), (0, 1)
-    )
+    result = simulate(Scene(Body("a", inertia=2, velocity=5), Damper("a", GROUND, damping=0.5, radius_a=3)), (0, 1))
     np.testing.assert_allclose(result.velocity("a"), 5 * np.exp(-9 * 0.5 / 2 * result.t), atol=1e-12)
     assert result.energy().heat[-1] == pytest.approx(25 * (1 - math.exp(-4.5)), abs=1e-11)
 
@@ -684,16 +678,12 @@ REFUSED: dict[str, tuple[Any, type[Exception], list[str]]] = {
         ["one-way clutch 'o'", "relative velocity at the start is 1", "exchange a and b"],
     ),
     "tied drives": (
-        lambda: simulate(
-            Scene(A, D1, D2, Gear("g", "a", "d1", ratio=1), Gear("h", "a", "d2", ratio=1)), (0, 1)
-        ),
+        lambda: simulate(Scene(A, D1, D2, Gear("g", "a", "d1", ratio=1), Gear("h", "a", "d2", ratio=1)), (0, 1)),
         ValueError,
         ["'d1', 'd2'", "leave a tie out"],
     ),
     "unknown field": (
-        lambda: Scene.from_dict(
-            {"bodies": [{"name": "a", "inertia": 1}], "gears": [{"name": "g", "teeth": 3}]}
-        ),
+        lambda: Scene.from_dict({"bodies": [{"name": "a", "inertia": 1}], "gears": [{"name": "g", "teeth": 3}]}),
         ValueError,
         ["gears[0]", "unknown field 'teeth'", "ratio"],
     ),

@@ -161,12 +161,8 @@ def test_a_dwelling_contact_holds_a_body_at_its_stop(options: dict[str, Any], of
 
 
 @both_engines
-@pytest.mark.parametrize(
-    "velocity", [piecewise_linear([0.0, 4.0], [1.0, -1.0]), sine(1.0, 0.125, math.pi / 2)]
-)
-def test_a_drive_that_turns_round_jams_two_clutches(
-    velocity: Any, options: dict[str, Any], off: float
-) -> None:
+@pytest.mark.parametrize("velocity", [piecewise_linear([0.0, 4.0], [1.0, -1.0]), sine(1.0, 0.125, math.pi / 2)])
+def test_a_drive_that_turns_round_jams_two_clutches(velocity: Any, options: dict[str, Any], off: float) -> None:
     """Of two shafts geared against each other neither may run ahead of the belt, which turns round at 2 s.
 
     A contact beside one of the clutches could give way; they cannot.

@@ -22,9 +22,7 @@ HERE = Path(__file__).parents[1]
 PARTS = sorted(Path(oracle.__file__).parent.glob("oracle*.py"))
 
 
-def block(
-    load: Any, normal: Any = 10.0, velocity: float = 0.0, stop: float = 2.0, **contact: Any
-) -> dict[str, Any]:
+def block(load: Any, normal: Any = 10.0, velocity: float = 0.0, stop: float = 2.0, **contact: Any) -> dict[str, Any]:
     """A block of 1 kg on the floor that breaks loose at 3 N and slides at 2 N."""
     friction = {"name": "floor", "a": "block", "b": "ground", "mu_s": 0.3, "mu_c": 0.2, "normal": normal}
     return {

@@ -54,8 +54,7 @@ def machine(seed: int, loads: bool = True) -> Scene:
             elements.append(Tie(f"loop {g}", {f"b{a}": 2.0, f"b{b}": -2.0 * float(turn[a])}))
     speed = np.array([velocity[group[i]] * turn[i] for i in range(n)])
     elements += [
-        Body(f"b{i}", inertia=round(float(rng.uniform(0.2, 3)), 3), velocity=float(speed[i]))
-        for i in range(n)
+        Body(f"b{i}", inertia=round(float(rng.uniform(0.2, 3)), 3), velocity=float(speed[i])) for i in range(n)
     ]
     # a planetary with a ring of no inertia between the groups: nothing but its contacts loads it
     ratio = 1.5
@@ -70,9 +69,7 @@ def machine(seed: int, loads: bool = True) -> Scene:
         mu_s, mu_c = sorted(rng.uniform(0.05, 1, 2).round(3))[::-1]
         radii = {"radius_a": float(rng.choice(RATIOS)), "radius_b": float(rng.choice(RATIOS))}
         other = names[b] if k or not loads else GROUND
-        elements.append(
-            Contact(f"c{k}", names[a], other, DryFriction(float(mu_s), float(mu_c)), normal=1.5, **radii)
-        )
+        elements.append(Contact(f"c{k}", names[a], other, DryFriction(float(mu_s), float(mu_c)), normal=1.5, **radii))
     a, b = (0, 1) if speed[0] <= speed[1] else (1, 0)
     elements.append(OneWay("free", f"b{a}", f"b{b}"))
     if loads:

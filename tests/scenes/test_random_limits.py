@@ -51,9 +51,7 @@ def machine(seed: int, force: float = 1.0) -> Scene:
         else:
             stiffness, damping = force * float(rng.choice([20, 200])), force * float(rng.choice([0, 2]))
             limits = {"upper": upper, "lower": upper - 3}
-            elements.append(
-                Gap(f"g{k}", f"b{k}", f"b{k + 1}", stiffness=stiffness, damping=damping, **limits)
-            )
+            elements.append(Gap(f"g{k}", f"b{k}", f"b{k + 1}", stiffness=stiffness, damping=damping, **limits))
         if rng.random() < 0.5:
             elements.append(Contact(f"c{k}", f"b{k}", f"b{k + 1}", DryFriction(0.5, 0.3), normal=force))
     end = float(x[-1]) + 0.5
@@ -115,20 +113,14 @@ def test_units_and_order_do_not_matter(seed: int) -> None:
     assert told(plain) == told(scaled) == told(other)
     for body in plain.scene.bodies:
         for result in (scaled, other):
-            np.testing.assert_allclose(
-                result.velocity(body.name), plain.velocity(body.name), rtol=0, atol=1e-7
-            )
+            np.testing.assert_allclose(result.velocity(body.name), plain.velocity(body.name), rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_momentum_is_handed_on(seed: int) -> None:
     """Without friction, springs and loads from outside only the wall and the floor change the momentum of all."""
     scene = machine(seed)
-    inner = [
-        e
-        for e in scene.elements
-        if not isinstance(e, (Force, Spring, OneWay, Gear)) and e.label != "stop 'wall'"
-    ]
+    inner = [e for e in scene.elements if not isinstance(e, (Force, Spring, OneWay, Gear)) and e.label != "stop 'wall'"]
     inner = [e for e in inner if getattr(e, "name", "") not in ("floor", "wheel", "fly")]
     result = run(Scene(*inner))
     total = sum(body.inertia * result.velocity(body.name) for body in result.scene.bodies)

@@ -50,9 +50,7 @@ DRY = DryFriction(0.4, 0.35)
 
 
 def block(law: Law, *more: Any, velocity: float = 0.0, normal: Any = 10.0) -> Scene:
-    return Scene(
-        Body("a", inertia=1.0, velocity=velocity), Contact("c", "a", GROUND, law, normal=normal), *more
-    )
+    return Scene(Body("a", inertia=1.0, velocity=velocity), Contact("c", "a", GROUND, law, normal=normal), *more)
 
 
 # Piecewise linear pre-slip
@@ -80,9 +78,7 @@ def test_first_order_in_the_pre_slip_velocity(exact: Result) -> None:
     """The error is about 0.97 v_pre at its worst, in the velocity of a wheel that should stand still."""
     velocities, errors = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6], []
     for velocity in velocities:
-        result = simulate(
-            flywheel_benchmark().regularized(velocity=velocity), (0.0, 1.0), t_eval=TIMES, **TIGHT
-        )
+        result = simulate(flywheel_benchmark().regularized(velocity=velocity), (0.0, 1.0), t_eval=TIMES, **TIGHT)
         assert told(result) == STORY
         errors.append(float(np.abs(result.y - exact.y).max()))
     np.testing.assert_allclose(np.array(errors) / velocities, 0.95, atol=0.06)
@@ -295,9 +291,7 @@ def test_all_laws_together_agree_with_fixed_steps() -> None:
 def test_four_flywheels_in_pre_slip() -> None:
     for viscous in (0.0, 5.0):
         hard = simulate(four_flywheels(viscous=viscous), (0.0, 2.0), t_eval=TIMES * 2)
-        soft = simulate(
-            four_flywheels(viscous=viscous).regularized(velocity=1e-5), (0.0, 2.0), t_eval=TIMES * 2
-        )
+        soft = simulate(four_flywheels(viscous=viscous).regularized(velocity=1e-5), (0.0, 2.0), t_eval=TIMES * 2)
         assert sorted(told(soft)) == sorted(told(hard))
         assert np.abs(soft.y - hard.y).max() < 1e-4
 
@@ -389,9 +383,7 @@ def test_karnopp_takes_others_along_as_it_stops() -> None:
         ],
     ],
 )
-def test_karnopp_that_has_left_rest_moves_on_through_its_band(
-    elsewhere: list[Any], options: dict[str, Any]
-) -> None:
+def test_karnopp_that_has_left_rest_moves_on_through_its_band(elsewhere: list[Any], options: dict[str, Any]) -> None:
     """A push of 2.01 N beyond its level of 2 N leaves 1.01 m/s^2, whatever happens to another body meanwhile."""
     law = Karnopp(DryFriction(0.2, 0.1), 0.1)
     scene = Scene(
@@ -435,9 +427,7 @@ def test_karnopp_is_stuck_again_where_it_comes_back_into_its_band(
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "merged"}])
 @pytest.mark.parametrize("start", [-0.02, 0.0])
-def test_karnopp_lets_what_a_stop_throws_back_into_its_band_move_on(
-    start: float, options: dict[str, Any]
-) -> None:
+def test_karnopp_lets_what_a_stop_throws_back_into_its_band_move_on(start: float, options: dict[str, Any]) -> None:
     """On a belt that carries it to a wall, a body bounces ever less, and rests at the wall."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=0.05, position=start),
@@ -478,9 +468,7 @@ def test_karnopp_refuses_two_moving_bodies() -> None:
         Body("b", inertia=1.0),
         Contact("c", "a", "b", Karnopp(DryFriction(0.2, 0.1)), normal=10.0),
     )
-    with pytest.raises(
-        ValueError, match=r"'c'.*both 'a' and 'b' can move, and momentum would not be conserved"
-    ):
+    with pytest.raises(ValueError, match=r"'c'.*both 'a' and 'b' can move, and momentum would not be conserved"):
         simulate(scene, (0.0, 1.0))
 
 
@@ -571,9 +559,7 @@ def test_a_normal_force_that_ends_at_the_border_of_a_table(law: Law, seed: int) 
 @pytest.mark.parametrize("law", [LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
 def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> None:
     # solvers follow them wrongly: mu N has an impulse of 0.4375 N s from 1.5 s on, of which they found a half
-    pressed = saturate(5.0 - 10.0 * position("clock"), 0.0, 9.0) + saturate(
-        10.0 * position("clock") - 15.0, 0.0, 9.0
-    )
+    pressed = saturate(5.0 - 10.0 * position("clock"), 0.0, 9.0) + saturate(10.0 * position("clock") - 15.0, 0.0, 9.0)
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0),
         Body("clock", inertia=1.0, velocity=1.0),
@@ -663,9 +649,7 @@ def test_bristles_in_steady_sliding_have_the_level_however_fast_they_relax(
     ("stiffness", "normal_force"),
     [(1e6, 1e-6), (30.0, 1e-11), (1e13, 10.0), (1e9, piecewise_linear([0.0, 0.5], [10.0, 1e-9]))],
 )
-def test_bristles_that_relax_faster_than_can_be_followed_end_the_run(
-    stiffness: float, normal_force: Any
-) -> None:
+def test_bristles_that_relax_faster_than_can_be_followed_end_the_run(stiffness: float, normal_force: Any) -> None:
     """Their friction would be larger than its level."""
     with pytest.raises(SimulationError, match=r"contact 'c': its bristles relax faster than 1e\+12 /s"):
         simulate(pressed_on_a_belt(stiffness, normal_force, 1.0), (0.0, 1.0))
@@ -692,9 +676,7 @@ def test_roundoff_of_a_ramp_to_0_presses_no_bristles(left: float) -> None:
 
 @pytest.mark.parametrize("tolerances", [{}, {"rtol": 1e-10, "atol": 1e-12}, {"rtol": 1e-11, "atol": 1e-13}])
 @pytest.mark.parametrize(("law", "force"), [(Dahl, 0.0), (Dahl, -6.0), (LuGre, -6.0)])
-def test_bristles_whose_normal_force_ends_on_a_ramp(
-    law: Any, force: float, tolerances: dict[str, Any]
-) -> None:
+def test_bristles_whose_normal_force_ends_on_a_ramp(law: Any, force: float, tolerances: dict[str, Any]) -> None:
     """Also where the block turns round just before: their deflection ends like a small power of the time left."""
     normal_force, push = piecewise_linear([0.3, 0.5], [10.0, 0.0]), Force("a", step(0.3, 0.0, force))
     scene = block_on_bristles(law(DryFriction(0.3, 0.2), 1e3), normal_force, 2.0, push)

@@ -139,9 +139,7 @@ def test_a_bouncing_ball_comes_to_rest(options: dict[str, Any], off: float) -> N
 def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
     """``0.3 - 3 * 0.1`` is 5.6e-17 below 0: it lies on the floor; 1e-12 are refused as the user's."""
     law = Stop("floor", "m", GROUND, lower=0.0)
-    result = simulate(
-        Scene(Body("m", inertia=1.0, position=0.3 - 3 * 0.1), law, Force("m", -1.0)), (0.0, 1.0)
-    )
+    result = simulate(Scene(Body("m", inertia=1.0, position=0.3 - 3 * 0.1), law, Force("m", -1.0)), (0.0, 1.0))
     assert not result.events and result.force("floor")[-1] == -1.0
     with pytest.raises(ValueError, match="beyond its lower limit 0"):
         simulate(Scene(Body("m", inertia=1.0, position=-1e-12), law), (0.0, 1.0))
@@ -165,9 +163,7 @@ def test_a_ball_bounces_on_a_plate_wherever_the_origin_is(origin: float) -> None
     impacts = times(there, "contact")
     assert 20 < len(impacts) <= len(here.events)
     assert impacts[:15] == pytest.approx(times(here, "contact")[:15], abs=1e-14 * max(origin, 1e3))
-    assert there.velocity("ball")[-1] == pytest.approx(
-        here.velocity("ball")[-1], abs=1e-12 * max(origin, 1e3)
-    )
+    assert there.velocity("ball")[-1] == pytest.approx(here.velocity("ball")[-1], abs=1e-12 * max(origin, 1e3))
     assert there.mode("contact")[-1] == Mode.BACKWARD
 
 
@@ -290,9 +286,7 @@ def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any
     assert result.force("end").min() > -1e-9
     total = result.force("end") + result.force("dry")
     early = result.t < 6
-    np.testing.assert_allclose(
-        total[early], np.where(result.t < 1, 3, 4 - result.t)[early], rtol=0, atol=1e-9
-    )
+    np.testing.assert_allclose(total[early], np.where(result.t < 1, 3, 4 - result.t)[early], rtol=0, atol=1e-9)
     t = 7 - 6
     assert result.velocity("block")[-1] == pytest.approx(-(t + t * t / 2), abs=10 * off)
     balanced(result, off)
@@ -339,9 +333,7 @@ def test_a_cradle_of_five(options: dict[str, Any], off: float) -> None:
     """
     apart = simulate(cradle(1e-3), (0, 3), **options)
     assert [e.contact for e in apart.events] == ["0-1", "1-2", "2-3", "3-4"]
-    np.testing.assert_allclose(
-        [apart.velocity(f"{k}")[-1] for k in range(5)], [0, 0, 0, 0, 1], atol=max(off, 1e-12)
-    )
+    np.testing.assert_allclose([apart.velocity(f"{k}")[-1] for k in range(5)], [0, 0, 0, 0, 1], atol=max(off, 1e-12))
     np.testing.assert_allclose([e.t for e in apart.events], [1.001, 1.002, 1.003, 1.004], atol=off)
     touching = simulate(cradle(0.0), (0, 3), **options)
     final = [touching.velocity(f"{k}")[-1] for k in range(5)]
@@ -372,9 +364,7 @@ def test_a_ball_between_closing_walls(options: dict[str, Any], off: float) -> No
     expected = [t for t in [*expected, t] if t < 1.7]
     np.testing.assert_allclose([e.t for e in result.events], expected, rtol=0, atol=20 * off)
     balanced(result, off)
-    assert result.energy().drives[-1] == pytest.approx(
-        0.5 * (result.velocity("ball")[-1] ** 2 - 1), abs=1e3 * off
-    )
+    assert result.energy().drives[-1] == pytest.approx(0.5 * (result.velocity("ball")[-1] ** 2 - 1), abs=1e3 * off)
 
 
 def test_a_ball_that_walls_crush_is_an_error() -> None:
@@ -487,9 +477,7 @@ def test_bad_starts_are_refused() -> None:
     def start(position: float) -> Scene:
         return Scene(Body("m", inertia=1, position=position), Stop("s", "m", GROUND, lower=-1, upper=1))
 
-    with pytest.raises(
-        ValueError, match=r"stop 's'.* stretch is 1\.5, beyond its upper limit 1; give its bodies"
-    ):
+    with pytest.raises(ValueError, match=r"stop 's'.* stretch is 1\.5, beyond its upper limit 1; give its bodies"):
         simulate(start(1.5), (0, 1))
     with pytest.raises(ValueError, match=r"stop 's'.* stretch is -3, beyond its lower limit -1"):
         simulate(start(-3.0), (0, 1))
@@ -499,9 +487,7 @@ def test_bad_starts_are_refused() -> None:
 
 
 def test_a_start_at_a_limit_that_goes_on_into_it_rebounds_at_once() -> None:
-    scene = Scene(
-        Body("m", inertia=1, position=1.0, velocity=2.0), Stop("s", "m", GROUND, upper=1, restitution=0.5)
-    )
+    scene = Scene(Body("m", inertia=1, position=1.0, velocity=2.0), Stop("s", "m", GROUND, upper=1, restitution=0.5))
     result = simulate(scene, (0, 1))
     assert result.velocity("m")[0] == -1.0
     assert [(e.t, e.cause) for e in result.events] == [(0.0, "impact")]
@@ -563,12 +549,8 @@ def test_rebounds_that_end_keep_the_momentum() -> None:
     assert result.energy().relative_error < 1e-14
 
 
-@pytest.mark.parametrize(
-    ("step", "options"), [(0, {}), (3, {}), (4, {}), (7, {}), (1, {"formulation": "multiplier"})]
-)
-def test_what_is_pressed_against_a_stop_stays_there_as_friction_turns_over(
-    step: int, options: dict[str, Any]
-) -> None:
+@pytest.mark.parametrize(("step", "options"), [(0, {}), (3, {}), (4, {}), (7, {}), (1, {"formulation": "multiplier"})])
+def test_what_is_pressed_against_a_stop_stays_there_as_friction_turns_over(step: int, options: dict[str, Any]) -> None:
     """30 N press a block against a swinging belt; friction of 1.2 N on the ground turns over with it.
 
     In that instant the block is at rest, and friction could hold it; the load decides.
@@ -594,9 +576,7 @@ def test_what_is_pressed_against_a_stop_stays_there_as_friction_turns_over(
 
 
 @pytest.mark.parametrize("lower", [-math.inf, -1e12, -1e30])
-@pytest.mark.parametrize(
-    ("duration", "method"), [(2.0, "BDF"), (2.0, "series"), (1e3, "series"), (1e6, "series")]
-)
+@pytest.mark.parametrize(("duration", "method"), [(2.0, "BDF"), (2.0, "series"), (1e3, "series"), (1e6, "series")])
 def test_a_limit_near_by_is_met_however_long_the_run_or_far_the_other_limit(
     lower: float, duration: float, method: str
 ) -> None:

@@ -145,9 +145,7 @@ def test_limits_of_a_block_and_jumps_over_corners(way: dict[str, Any]) -> None:
 def test_normal_force_from_a_spring(way: dict[str, Any], form: str) -> None:
     """Mass 1, mu 0.3, N = 2 + 5 x, from 3 m/s."""
     load: Any = 2 + 5 * position("m") if form == "sum" else feedback(lambda x: 2 + 5 * x, position("m"))
-    scene = Scene(
-        Body("m", inertia=1.0, velocity=3.0), Contact("rub", "m", GROUND, DryFriction(0.3, 0.3), normal=load)
-    )
+    scene = Scene(Body("m", inertia=1.0, velocity=3.0), Contact("rub", "m", GROUND, DryFriction(0.3, 0.3), normal=load))
     result = simulate(scene, (0.0, 2.0), rtol=1e-9, **way)
     tolerance = 5e-5 if "step" in way else exact(result)
     assert abs(result.events[0].t - 1.150383072918354) < tolerance
@@ -221,9 +219,7 @@ def test_steep_tables_and_normal_forces_are_stiff() -> None:
     """A limit of 1 N on -1e6 v: v falls with 1 m/s^2 to 1e-6 m/s; the implicit method follows what then decays."""
     for scene in (
         Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", -saturate(1e6 * velocity("m"), -1.0, 1.0))),
-        Scene(
-            Body("m", inertia=1.0, velocity=1.0), Force("m", -table(velocity("m"), [0.0, 1e-6], [0.0, 1.0]))
-        ),
+        Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", -table(velocity("m"), [0.0, 1e-6], [0.0, 1.0]))),
     ):
         result = simulate(scene, (0.0, 3.0))
         assert result.stats["engine"] == "CVODE BDF"
@@ -418,9 +414,7 @@ def test_a_normal_force_of_roundoff_is_none(way: dict[str, Any], law: Any) -> No
     )
     result = simulate(scene, (0.0, 5.0), **way)
     assert result.normal("c")[-1] < 1e-14
-    story = [
-        (int(event.before), int(event.after), event.cause) for event in result.events if event.t > end + 0.01
-    ]
+    story = [(int(event.before), int(event.after), event.cause) for event in result.events if event.t > end + 0.01]
     assert story == [(-1, 1, "open"), (1, -1, "open")]
 
 

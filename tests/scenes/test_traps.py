@@ -453,9 +453,7 @@ def test_units_do_not_matter(quantity: str, scale: float) -> None:
     force = mass * length / time**2
 
     def scene(length: float, time: float, mass: float, force: float) -> Scene:
-        load = piecewise_linear(
-            [0, 1 * time, 2 * time, 3 * time, 4 * time], [0, 2 * force, -3 * force, 4 * force, 0]
-        )
+        load = piecewise_linear([0, 1 * time, 2 * time, 3 * time, 4 * time], [0, 2 * force, -3 * force, 4 * force, 0])
         return Scene(
             Body("a", inertia=mass, velocity=length / time),
             Body("b", inertia=2 * mass, velocity=0.3 * length / time),
@@ -529,16 +527,12 @@ def test_slow_functions_are_the_same_as_fast_ones() -> None:
         law = DryFriction(0.5, 0.5, stribeck_velocity=0.05 / second)
         return Scene(
             Body("b", inertia=1.0),
-            Drive(
-                "d", velocity=signal(lambda t: 0.5 / second * math.sin(turn * t / 3.1), period=3.1 * second)
-            ),
+            Drive("d", velocity=signal(lambda t: 0.5 / second * math.sin(turn * t / 3.1), period=3.1 * second)),
             Contact("c", "b", "d", law, normal=4.3 / second**2),
             Force("b", signal(lambda t: 2 / second**2 * math.sin(turn * t / 2.9 + 3.4), period=2.9 * second)),
         )
 
-    first, *others = (
-        simulate(scene(second), (0.0, 6.0 * second), method="BDF") for second in (1.0, 1e5, 1e7)
-    )
+    first, *others = (simulate(scene(second), (0.0, 6.0 * second), method="BDF") for second in (1.0, 1e5, 1e7))
     assert len(first.events) == 9
     for second, slow in zip((1e5, 1e7), others, strict=True):
         assert told(slow) == told(first)
@@ -584,9 +578,7 @@ def chain(count: int, springs: bool) -> Scene:
     numbers = np.random.default_rng(count)
     elements: list[Any] = []
     for i in range(count):
-        elements.append(
-            Body(f"b{i}", inertia=float(numbers.uniform(0.5, 2)), velocity=float(numbers.uniform(-1, 1)))
-        )
+        elements.append(Body(f"b{i}", inertia=float(numbers.uniform(0.5, 2)), velocity=float(numbers.uniform(-1, 1))))
     for i in range(count - 1):
         law = DryFriction(
             float(numbers.uniform(0.4, 0.6)),

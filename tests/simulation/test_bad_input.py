@@ -65,9 +65,7 @@ def test_bad_input_is_refused(case: Case) -> None:
         (functools.partial(lambda t, w: t), "(t, w)"),
     ],
 )
-def test_a_signal_of_more_than_time_is_refused_where_it_is_made(
-    function: Callable[..., float], declared: str
-) -> None:
+def test_a_signal_of_more_than_time_is_refused_where_it_is_made(function: Callable[..., float], declared: str) -> None:
     with pytest.raises(TypeError, match="signal: function must take one argument, the time t in s") as raised:
         signal(function)
     assert declared in str(raised.value)

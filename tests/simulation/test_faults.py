@@ -123,9 +123,7 @@ def test_the_remedy_for_tolerances_below_roundoff_works() -> None:
         Spring("b", "a", stiffness=7e6, damping=30.0),
         Force("a", sine(0.05, 2e-5)),
     )
-    with pytest.raises(
-        SimulationError, match=r"too small.*loosen rtol if it asks for more than roundoff leaves"
-    ):
+    with pytest.raises(SimulationError, match=r"too small.*loosen rtol if it asks for more than roundoff leaves"):
         simulate(scene, (0.0, 8000.0))
     assert simulate(scene, (0.0, 8000.0), rtol=1e-5).energy().relative_error < 1e-4
 
@@ -140,9 +138,7 @@ def test_bristles_pressed_from_nothing_are_refused(law: Law) -> None:
 
 
 def test_pre_slip_below_double_precision_is_refused() -> None:
-    scene = Scene(
-        Body("a", inertia=1.0, velocity=1.0), Contact("floor", "a", GROUND, PreSlip(LAW, 1e-14), normal=1.0)
-    )
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("floor", "a", GROUND, PreSlip(LAW, 1e-14), normal=1.0))
     with pytest.raises(ValueError, match=r"floor.*1e-14.*too small.*DryFriction"):
         simulate(scene, (0.0, 1.0))
 
@@ -279,9 +275,7 @@ print(len([sentence for sentence in said if sentence]))
 @pytest.mark.slow
 def test_nothing_of_the_solvers_is_printed() -> None:
     """Whatever fails in CVODE, in IDA or in a load: stdout and stderr hold what the script writes and nothing else."""
-    run = subprocess.run(
-        [sys.executable, "-c", NOISY_RUN], capture_output=True, text=True, timeout=600, check=True
-    )
+    run = subprocess.run([sys.executable, "-c", NOISY_RUN], capture_output=True, text=True, timeout=600, check=True)
     assert (run.stdout, run.stderr) == ("4\n", "")
 
 
@@ -301,9 +295,7 @@ def test_what_sundials_says_can_be_logged(caplog: pytest.LogCaptureFixture) -> N
 def test_bristles_pressed_from_nearly_nothing_are_refused(law: Law, normal: Signal) -> None:
     # CVODE lost 17 % of the friction of the second, and all of that of the third, without a word
     scene = Scene(Body("a", inertia=1.0, velocity=9.0), Contact("floor", "a", GROUND, law, normal=normal))
-    with pytest.raises(
-        ValueError, match=r"floor.* normal force comes back from nearly 0 at t = .*DryFriction"
-    ):
+    with pytest.raises(ValueError, match=r"floor.* normal force comes back from nearly 0 at t = .*DryFriction"):
         simulate(scene, (0.0, 2.0))
     assert simulate(scene.replace("floor", normal=normal + 0.1), (0.0, 0.1)).success
 
@@ -326,12 +318,8 @@ def test_a_level_that_rises_at_once_is_a_level(dwell: float) -> None:
 
 
 def test_a_dwell_below_the_roundoff_of_the_time_is_refused() -> None:
-    scene = Scene(
-        Body("b", inertia=1.0), Contact("c", "b", GROUND, DryFriction(0.35, 0.2, dwell=1e-15), normal=5.0)
-    )
-    with pytest.raises(
-        ValueError, match="contact 'c': a dwell time of 1e-15 s cannot be told at times of 50 s"
-    ):
+    scene = Scene(Body("b", inertia=1.0), Contact("c", "b", GROUND, DryFriction(0.35, 0.2, dwell=1e-15), normal=5.0))
+    with pytest.raises(ValueError, match="contact 'c': a dwell time of 1e-15 s cannot be told at times of 50 s"):
         simulate(scene, (0.0, 50.0))
     assert simulate(scene, (0.0, 0.1)).success
 
@@ -356,7 +344,5 @@ def test_a_curve_is_needed_at_speeds_of_the_motion_only(method: str) -> None:
     time = scipy.integrate.quad(lambda w: 0.1 / curve(w), 0.0, 1.0, points=[0.3], epsabs=1e-13)[0]
     assert rest.after == 0 and rest.t == pytest.approx(time, abs=1e-7)
     too_fast = scene.replace("m", velocity=2.5)
-    with pytest.raises(
-        SimulationError, match=r"contact 'c': DryFriction: kinetic\(2\.\d*\) raised ValueError"
-    ):
+    with pytest.raises(SimulationError, match=r"contact 'c': DryFriction: kinetic\(2\.\d*\) raised ValueError"):
         simulate(too_fast, (0.0, 2.0), method=method)

@@ -93,9 +93,7 @@ def loaded(place: str, load: Load) -> Scene:
 def sliding(kinetic: Callable[[float], float]) -> Scene:
     """Return a block that a force drives over the ground, ever faster."""
     law = DryFriction(0.3, 0.2, kinetic=kinetic)
-    return Scene(
-        Body("block", inertia=1.0), Contact("floor", "block", GROUND, law, normal=1.0), Force("block", 1.0)
-    )
+    return Scene(Body("block", inertia=1.0), Contact("floor", "block", GROUND, law, normal=1.0), Force("block", 1.0))
 
 
 def _unlawful(value: Any, speed: float) -> Any:
@@ -104,9 +102,7 @@ def _unlawful(value: Any, speed: float) -> Any:
 
 def rough(**options: Any) -> Result:
     """Simulate an oscillator under a load out of all proportion to the tolerance."""
-    load = signal(
-        lambda t: 0.1 + (1e12 * math.copysign(1.0, math.sin(1e9 * t * t)) if t > 0.3 else 0.0), period=1.0
-    )
+    load = signal(lambda t: 0.1 + (1e12 * math.copysign(1.0, math.sin(1e9 * t * t)) if t > 0.3 else 0.0), period=1.0)
     scene = Scene(
         Body("a", inertia=1.0),
         Contact("floor", "a", GROUND, LAW, normal=1.0),

@@ -76,9 +76,7 @@ def test_forces_and_modes_agree(name: str) -> None:
         for contact in story.scene.contacts:
             a, b = base.force(contact.name)[away], other.force(contact.name)[away]
             scale = max(1.0, float(np.abs(base.normal(contact.name)).max()))
-            np.testing.assert_allclose(
-                b, a, rtol=0, atol=1e-6 * scale, err_msg=f"{formulation} {contact.name}"
-            )
+            np.testing.assert_allclose(b, a, rtol=0, atol=1e-6 * scale, err_msg=f"{formulation} {contact.name}")
             np.testing.assert_array_equal(base.mode(contact.name)[away], other.mode(contact.name)[away])
 
 
@@ -192,8 +190,7 @@ def test_forces_of_random_redundant_groups_have_least_norm() -> None:
         ends = [(i, i + 1) for i in range(n - 1)] + [tuple(rng.choice(n, 2, replace=False)) for _ in range(3)]
         grounded = rng.random() < 0.5
         contacts = [
-            Contact(f"c{k}", f"b{i}", f"b{j}", DryFriction(5.0, 4.0), normal=10.0)
-            for k, (i, j) in enumerate(ends)
+            Contact(f"c{k}", f"b{i}", f"b{j}", DryFriction(5.0, 4.0), normal=10.0) for k, (i, j) in enumerate(ends)
         ]
         G = np.zeros((len(ends), n))
         for k, (i, j) in enumerate(ends):
@@ -281,8 +278,7 @@ def scenes(draw: Any) -> Scene:
     n = draw(st.integers(2, 4))
     number = st.integers(1, 30).map(lambda k: k / 10)
     bodies = [
-        Body(f"b{i}", inertia=draw(number), velocity=draw(st.sampled_from([0.0, 0.0, 1.0, -0.7])))
-        for i in range(n)
+        Body(f"b{i}", inertia=draw(number), velocity=draw(st.sampled_from([0.0, 0.0, 1.0, -0.7]))) for i in range(n)
     ]
     ends = [(f"b{i}", f"b{i + 1}") for i in range(n - 1)] + [("b0", GROUND)]
     ends += draw(st.lists(st.sampled_from([("b0", "b1"), ("b1", GROUND), (f"b{n - 1}", "b0")]), max_size=2))
@@ -294,9 +290,7 @@ def scenes(draw: Any) -> Scene:
         )
         levels = [draw(number) * 3.1 for _ in range(3)]
         contacts.append(Contact(f"c{k}", a, b, law, normal=piecewise_linear([0.0, 1.0, 2.0], levels)))
-    others: list[Any] = [
-        Force(f"b{i}", sine(draw(number) * 1.7, 0.3 + 0.21 * i, phase=float(i))) for i in range(n)
-    ]
+    others: list[Any] = [Force(f"b{i}", sine(draw(number) * 1.7, 0.3 + 0.21 * i, phase=float(i))) for i in range(n)]
     if draw(st.booleans()):
         others.append(Spring("b0", "b1", stiffness=draw(number) * 5, damping=0.13))
     return Scene(*bodies, *contacts, *others)

@@ -59,9 +59,7 @@ def test_a_scene_is_freed_with_all_that_was_made_of_it() -> None:
 def test_what_is_kept_of_a_motion_is_no_part_of_a_larger_array() -> None:
     # CVODE hands over parts of arrays for a thousand steps
     law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
-    scene = Scene(
-        Body("block", inertia=1.0, velocity=1.0), Contact("floor", "block", GROUND, law, normal=1.0)
-    )
+    scene = Scene(Body("block", inertia=1.0, velocity=1.0), Contact("floor", "block", GROUND, law, normal=1.0))
     result = simulate(scene, (0.0, 1.0), method="BDF")
     for piece in result.trajectory.pieces:
         assert piece.path is not None

@@ -198,9 +198,7 @@ def test_before_time_0_all_is_the_same(method: str, start: float) -> None:
     )
     result = simulate(scene, (start, start + 2.0), method=method)
     assert told(result) == [("of b", 0, 1), ("of a", 1, 0)]
-    assert [event.t for event in result.events] == pytest.approx(
-        [start + 2 / 3, start + 1.0], abs=1e-8, rel=0
-    )
+    assert [event.t for event in result.events] == pytest.approx([start + 2 / 3, start + 1.0], abs=1e-8, rel=0)
     assert result.t[0] == start and result.t[-1] == start + 2.0
     # 6 N s less 0.67 N s, and friction of 1 N for 4/3 s
     assert result.velocity("b")[-1] == pytest.approx(6.0 - 2 / 3 - 4 / 3, abs=1e-7)
@@ -289,9 +287,7 @@ def test_bodies_stuck_to_each_other_do_not_drift_apart(kind: str) -> None:
     [
         pytest.param(
             piecewise_linear([0.0, 10.0, 20.0, 30.0], [0.0, 5.0, -5.0, 0.0]),
-            marks=pytest.mark.xfail(
-                strict=True, reason="body and drive are read off differently: 1 ulp apart"
-            ),
+            marks=pytest.mark.xfail(strict=True, reason="body and drive are read off differently: 1 ulp apart"),
         ),
         sine(2.0, 0.05),
         sine(1.0, 0.1) + 0.25,
@@ -354,9 +350,7 @@ def test_benchmark_and_its_economy(method: str) -> None:
     result = simulate(benchmark(), (0.0, 4.0), method=method)
     assert [(e.contact, e.before, e.after) for e in result.events] == [e[1:] for e in BENCHMARK]
     exact = method == "auto"
-    np.testing.assert_allclose(
-        times(result), [e[0] for e in BENCHMARK], rtol=0, atol=1e-15 if exact else 1e-8
-    )
+    np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=1e-15 if exact else 1e-8)
     assert result.velocity("wheel1")[-1] == pytest.approx(0.687838305725714362, rel=1e-15 if exact else 1e-8)
     stats = result.stats
     # no springs, no positions; one guard for a slipping contact and two for a stuck one; none for an open brake
@@ -536,9 +530,7 @@ def test_what_rests_goes_on_by_series_where_the_engine_is_chosen() -> None:
     assert told(chosen) == told(asked)
     assert chosen.stats["engine"] == asked.stats["engine"] == "CVODE BDF"
     assert chosen.stats["steps"] < asked.stats["steps"]
-    sticks, breaks = (
-        np.array([e.t for e in chosen.events if (e.before == 0) is goes]) for goes in (False, True)
-    )
+    sticks, breaks = (np.array([e.t for e in chosen.events if (e.before == 0) is goes]) for goes in (False, True))
     sticks = sticks[: breaks.size]
     np.testing.assert_allclose(breaks, sticks + (1.0 - chosen(sticks)[1]) / 0.2, rtol=0, atol=1e-14)
 
@@ -560,6 +552,4 @@ def test_tolerances_mean_the_same_in_small_units_of_length() -> None:
     base = run(1e-6, 1e-3)
     for length, time in ((1e-3, 1e-6), (1e-6, 1e-6)):
         other = run(length, time)
-        np.testing.assert_allclose(
-            np.array(times(other)) / time, np.array(times(base)) / 1e-3, rtol=1e-9, atol=0
-        )
+        np.testing.assert_allclose(np.array(times(other)) / time, np.array(times(base)) / 1e-3, rtol=1e-9, atol=0)

@@ -119,12 +119,9 @@ def test_a_servo_drive_turns_its_table_when_it_turns() -> None:
         Force("motor", output("controller")),
     )
     found, tight = (
-        simulate(scene, (0.0, 5.0), method="BDF", **options)
-        for options in ({}, {"rtol": 1e-11, "atol": 1e-14})
+        simulate(scene, (0.0, 5.0), method="BDF", **options) for options in ({}, {"rtol": 1e-11, "atol": 1e-14})
     )
-    assert [(one.contact, one.after) for one in found.events] == [
-        (one.contact, one.after) for one in tight.events
-    ]
+    assert [(one.contact, one.after) for one in found.events] == [(one.contact, one.after) for one in tight.events]
     for one, other in zip(found.events, tight.events, strict=True):
         assert one.t == pytest.approx(other.t, abs=1e-6)
     assert found.position("table")[-1] == pytest.approx(tight.position("table")[-1], abs=1e-5)
@@ -268,9 +265,7 @@ SIGNALS = {
 
 @pytest.mark.parametrize("signals", SIGNALS.values(), ids=SIGNALS)
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
-def test_a_slow_slide_turns_beside_a_governed_flywheel(
-    method: str, signals: tuple[Block | Force, ...]
-) -> None:
+def test_a_slow_slide_turns_beside_a_governed_flywheel(method: str, signals: tuple[Block | Force, ...]) -> None:
     """Without friction ``v = 0.001 (0.98 + cos t)``, so it turns for 0.4 s, nearly without friction."""
     scene = Scene(
         Body("slide", inertia=1.0, velocity=1.98e-3),
@@ -295,9 +290,7 @@ def test_a_part_that_only_a_signal_moves_moves_as_alone(method: str) -> None:
         Contact("c", "slide", GROUND, DryFriction(0.3, 0.3), normal=1.0),
         Force("slide", feedback(lambda t: max(t, 0.0) ** 2, TIME)),
     ]
-    alone, beside = (
-        simulate(Scene(*part, *more), (0.0, 2.0), method=method, rtol=1e-9) for more in ([], [FLY])
-    )
+    alone, beside = (simulate(Scene(*part, *more), (0.0, 2.0), method=method, rtol=1e-9) for more in ([], [FLY]))
     assert [event.after for event in beside.events] == [event.after for event in alone.events]
     assert beside.events[0].t == pytest.approx(math.sqrt(0.3), abs=1e-8)
     assert beside.velocity("slide")[-1] == pytest.approx(alone.velocity("slide")[-1], abs=1e-7)

@@ -58,9 +58,7 @@ def test_a_slow_motion_of_a_stiff_body_has_the_accuracy_that_was_asked_for(kind:
 
 @pytest.mark.parametrize("unit", [1e-6, 1e-9, 1e-12])
 @pytest.mark.parametrize("kind", ["function", "block"])
-def test_forces_that_only_the_run_tells_move_bodies_alike_in_all_units_of_length(
-    unit: float, kind: str
-) -> None:
+def test_forces_that_only_the_run_tells_move_bodies_alike_in_all_units_of_length(unit: float, kind: str) -> None:
     """Sticks and slips under ``6 sin(2 pi t)``, which a function of time or a block computes: the same in any unit."""
     turning = 2 * math.pi
 
@@ -107,8 +105,6 @@ def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
     """What moves it is roundoff of its weight, which a function tells: one run of a few steps is enough."""
     k, weight = 1e6, 9.81
     push = feedback(lambda x: -weight, position("a"))
-    scene = Scene(
-        Body("a", inertia=1.0, position=-weight / k), Force("a", -k * position("a")), Force("a", push)
-    )
+    scene = Scene(Body("a", inertia=1.0, position=-weight / k), Force("a", -k * position("a")), Force("a", push))
     stats = simulate(scene, (0.0, 1.0), method="BDF").stats
     assert stats["steps"] < 100

@@ -83,9 +83,7 @@ def test_crossings_are_located_and_noted(way: dict[str, Any]) -> None:
     ]
     assert sorted((name, sign) for name, _, sign in found) == sorted((name, sign) for name, _, sign in exact)
     tolerance = 1e-13 if result.stats["engine"] == "Taylor series" else 1e-8
-    np.testing.assert_allclose(
-        sorted(t for _, t, _ in found), sorted(t for _, t, _ in exact), rtol=0, atol=tolerance
-    )
+    np.testing.assert_allclose(sorted(t for _, t, _ in found), sorted(t for _, t, _ in exact), rtol=0, atol=tolerance)
     assert result.events[0].cause == "rose through 0"
     assert (result.events[0].before, result.events[0].after) == (Mode.BACKWARD, Mode.FORWARD)
     assert abs(result.velocity("ball")[-1] - plain.velocity("ball")[-1]) < 1e-12
@@ -225,9 +223,7 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
     if "step" in way:
         # a step goes beyond 0 before it sticks
         found = {event.contact: event.cause for event in result.events if event.contact != "cone"}
-        assert (
-            found == {"synchronous": "fell through 0", "equal": "rose through 0"} and len(result.events) == 4
-        )
+        assert found == {"synchronous": "fell through 0", "equal": "rose through 0"} and len(result.events) == 4
         return
     tolerance = 1e-13 if way == {} else 1e-8
     cone, synchronous, equal, slips = result.events
@@ -336,9 +332,7 @@ def test_what_was_computed_before_a_function_fails_is_kept(way: dict[str, Any], 
             raise ValueError("beyond")
         return x - 7.0
 
-    scene = Scene(
-        *(Body(f"b{i}", inertia=1.0) for i in range(many)), *(Force(f"b{i}", 1.0) for i in range(many))
-    )
+    scene = Scene(*(Body(f"b{i}", inertia=1.0) for i in range(many)), *(Force(f"b{i}", 1.0) for i in range(many)))
     events = [When("far", feedback(known_to_half, position("b0")))]
     with pytest.raises(SimulationError, match=r"event 'far': .*beyond") as failed:
         simulate(scene, (0.0, 2.0), events=events, **way)

@@ -137,9 +137,7 @@ def test_events_pass_the_start_of_a_forced_cycle(kind: str) -> None:
 @pytest.mark.slow
 def test_the_frequency_at_which_a_forced_oscillator_begins_to_stick() -> None:
     """There the spring and the load together push with exactly the friction where the mass turns."""
-    branch = continue_cycle(
-        forced(0.5, 0.12), "forces[0].signal.frequency", [0.12, 0.1, 0.09], period=lambda f: 1 / f
-    )
+    branch = continue_cycle(forced(0.5, 0.12), "forces[0].signal.frequency", [0.12, 0.1, 0.09], period=lambda f: 1 / f)
     (point,) = branch.points
     assert point.kind == "sequence" and "'c'" in point.message
     last, first = branch.cycles[1], branch.cycles[2]

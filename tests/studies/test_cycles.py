@@ -169,9 +169,7 @@ def test_an_oscillator_that_hits_a_stop_once_a_period(ratio: float) -> None:
     saltation = np.array([[-e, 0.0], [(1 + e) * push / hit, -e]])
     turn = np.array([[math.cos(period), math.sin(period)], [-math.sin(period), math.cos(period)]])
     exact = np.linalg.eigvals(saltation @ turn)
-    assert np.sort_complex(cycle.multipliers) == pytest.approx(
-        np.sort_complex(exact.astype(complex)), abs=1e-11
-    )
+    assert np.sort_complex(cycle.multipliers) == pytest.approx(np.sort_complex(exact.astype(complex)), abs=1e-11)
 
 
 @pytest.mark.slow
@@ -240,9 +238,7 @@ def test_an_unstable_cycle_lies_between_rest_and_stick_slip() -> None:
     for part in (1e-4, -1e-4):
         off = cycle.scene.replace("m", position=body.position + part, velocity=body.velocity)
         result = simulate(off, (0.0, 3 * cycle.period), rtol=1e-11, atol=1e-13)
-        size = [
-            np.ptp(result.sample(np.linspace(k, k + 1, 2001) * cycle.period).position("m")) for k in (0, 1, 2)
-        ]
+        size = [np.ptp(result.sample(np.linspace(k, k + 1, 2001) * cycle.period).position("m")) for k in (0, 1, 2)]
         sizes = np.array(size) - 2 * cycle.amplitude("m")
         assert sizes[2] / sizes[1] == pytest.approx(growth, rel=0.02)
 
@@ -337,9 +333,7 @@ def test_what_has_no_cycle() -> None:
     with pytest.raises(CycleError, match="does not change"):
         limit_cycle(rests)
     with pytest.raises(CycleError, match="does not change"):
-        limit_cycle(
-            Scene(Body("m", inertia=1.0, position=1.0), Spring("m", GROUND, stiffness=1.0, damping=0.5))
-        )
+        limit_cycle(Scene(Body("m", inertia=1.0, position=1.0), Spring("m", GROUND, stiffness=1.0, damping=0.5)))
 
 
 @pytest.mark.parametrize("speed", [1e-4, 1e-6])
@@ -358,9 +352,7 @@ def test_what_is_left_of_a_motion_that_shrinks() -> None:
         Spring("block", GROUND, stiffness=1.0, damping=0.08),
     )
     period = 2 * math.pi / math.sqrt(1 - 0.04**2)
-    assert search.left_of(simulate(scene, (0.0, 20 * period))) == pytest.approx(
-        math.exp(-0.04 * 5 * period), rel=1e-5
-    )
+    assert search.left_of(simulate(scene, (0.0, 20 * period))) == pytest.approx(math.exp(-0.04 * 5 * period), rel=1e-5)
 
 
 def test_a_load_in_resonance_has_no_cycle() -> None:
@@ -430,9 +422,7 @@ def test_small_loads_have_a_period_too() -> None:
     )
     with pytest.raises(ValueError, match="the loads do not repeat with the period 7 s"):
         limit_cycle(scene, period=7.0)
-    assert np.abs(limit_cycle(scene, period=10.0).multipliers) == pytest.approx(
-        [math.exp(-1.0)] * 2, abs=1e-12
-    )
+    assert np.abs(limit_cycle(scene, period=10.0).multipliers) == pytest.approx([math.exp(-1.0)] * 2, abs=1e-12)
 
 
 def test_bad_arguments_are_refused() -> None:
@@ -585,9 +575,7 @@ def test_what_has_died_away_is_said_to_have() -> None:
         Spring("block", GROUND, stiffness=2.0, damping=0.05),
         Contact("rub", "block", "belt", DryFriction(1.5, 1.0), normal=1.0),
     )
-    with pytest.raises(
-        CycleError, match=r"the motion has died away by .* it seems to come to a steady state"
-    ):
+    with pytest.raises(CycleError, match=r"the motion has died away by .* it seems to come to a steady state"):
         limit_cycle(scene)
 
 

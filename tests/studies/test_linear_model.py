@@ -106,9 +106,7 @@ def test_a_kinetic_curve_is_a_negative_damper() -> None:
     slope = 3.0 / 1.6**2
     model = linearize(scene)
     found = np.roots([1.0, -slope, 1.0])
-    assert np.allclose(
-        sorted(model.eigenvalues, key=lambda z: z.imag), sorted(found, key=lambda z: z.imag), atol=1e-8
-    )
+    assert np.allclose(sorted(model.eigenvalues, key=lambda z: z.imag), sorted(found, key=lambda z: z.imag), atol=1e-8)
     assert not model.stable
     # the belt pulls by the slope of the curve, too
     assert model.select(["velocity(belt)"]).B[0, 0] == pytest.approx(-slope, abs=1e-7)
@@ -202,10 +200,7 @@ def coupled(mu: float) -> Scene:
         Body("along", inertia=1.0),
         Body("across", inertia=1.0),
         Drive("belt", velocity=10.0),
-        *(
-            Spring("along", "across", stiffness=k, radius_a=math.cos(a), radius_b=-math.sin(a))
-            for k, a in angles
-        ),
+        *(Spring("along", "across", stiffness=k, radius_a=math.cos(a), radius_b=-math.sin(a)) for k, a in angles),
         Spring("across", GROUND, stiffness=1.5),
         Contact("rub", "along", "belt", DryFriction(mu, mu), normal=10.0 + 1.5 * position("across")),
     )
@@ -292,9 +287,7 @@ def test_at_a_corner_there_are_two_models() -> None:
         linearize(Scene(body, Force("m", saturate(-position("m") + 2.0, -1.0, 1.0))))
     with pytest.raises(ValueError, match="gap 'g' is just at its limit"):
         linearize(Scene(body, Gap("g", "m", GROUND, upper=1.0, stiffness=2.0)))
-    beside = linearize(
-        Scene(Body("m", inertia=1.0, position=1.5), Force("m", saturate(-position("m"), -2.0, 1.0)))
-    )
+    beside = linearize(Scene(Body("m", inertia=1.0, position=1.5), Force("m", saturate(-position("m"), -2.0, 1.0))))
     assert beside.frequencies == pytest.approx([1.0])
 
 
@@ -338,9 +331,7 @@ def test_without_python_control_it_is_said() -> None:
 def test_a_controller_has_states_of_its_own(slips: bool, limits: dict[str, float]) -> None:
     control = pid("pid", 1 - position("m"), kp=3.0, ki=4.0, kd=6.0, rate=-1 * velocity("m"), **limits)
     rub = Contact("rub", "m", GROUND, DryFriction(8.0, 1.0), normal=1.0)
-    scene = Scene(
-        Body("m", inertia=1.0, velocity=0.1 if slips else 0.0), rub, control, Force("m", output("pid"))
-    )
+    scene = Scene(Body("m", inertia=1.0, velocity=0.1 if slips else 0.0), rub, control, Force("m", output("pid")))
     model = linearize(scene)
     # slipping: s^3 + 6 s^2 + 3 s + 4 = 0; stuck: nothing moves but the integral, which only sums up
     expected = np.roots([1.0, 6.0, 3.0, 4.0]) if slips else np.zeros(model.A.shape[0])
@@ -426,9 +417,7 @@ def test_a_normal_force_that_is_0_near_by_has_no_corner(kind: str) -> None:
         *(air if kind == "gap" else ()),
     )
     found = linearize(scene)
-    assert sorted(found.eigenvalues.imag)[:: len(found.eigenvalues) - 1] == pytest.approx(
-        [-2.0, 2.0], abs=1e-14
-    )
+    assert sorted(found.eigenvalues.imag)[:: len(found.eigenvalues) - 1] == pytest.approx([-2.0, 2.0], abs=1e-14)
     assert np.abs(found.eigenvalues.real).max() < 1e-14
 
 

@@ -63,9 +63,7 @@ def decay(friction: float = 0.1) -> Scene:
     )
 
 
-def differences(
-    scene: Scene, span: tuple[float, float], name: str, read: Callable[[Result], Any], h: float
-) -> Any:
+def differences(scene: Scene, span: tuple[float, float], name: str, read: Callable[[Result], Any], h: float) -> Any:
     """The derivative of what is read from exact runs, by differences of fourth order."""
     (one,) = named_parameters(scene, [name], "test")
     a, b, c, d = (
@@ -821,9 +819,7 @@ def shaken_bristles(times: list[float], inertia: float, normal: float, stiffness
     turns.terminal, turns.direction = True, -1  # type: ignore[attr-defined]
     for stop in times:
         while t < stop:
-            run = solve_ivp(
-                rates, (t, stop), y, "DOP853", rtol=3e-14, atol=1e-17, events=turns, args=(t, sign)
-            )
+            run = solve_ivp(rates, (t, stop), y, "DOP853", rtol=3e-14, atol=1e-17, events=turns, args=(t, sign))
             t, y, sign = run.t[-1], run.y[:, -1], -sign if run.status == 1 else sign
         found.append(y[0])
     return np.array(found)
@@ -856,9 +852,7 @@ def test_bristles_that_turn_over() -> None:
 
 def test_a_table_that_stays_at_its_corner_has_no_derivative() -> None:
     pull = table(position("m"), [-2.0, 0.0, 2.0], [6.0, 0.0, -2.0])
-    found = sensitivities(
-        Scene(Body("m", inertia=1.0), Force("m", pull)), (0.0, 1.0), ["m.position", "m.inertia"]
-    )
+    found = sensitivities(Scene(Body("m", inertia=1.0), Force("m", pull)), (0.0, 1.0), ["m.position", "m.inertia"])
     assert np.isnan(found.position("m")[0]) and found.position("m")[1] == 0.0
     assert "stays at its corner 0" in found.reasons[0]
 
@@ -913,9 +907,7 @@ def test_corners_of_two_tables_that_close_a_contact_together() -> None:
     found = sensitivities(scene, (0.0, 1.5), ["a.velocity", "c.law.mu_coulomb"])
     assert np.isnan(found.velocity("a")[0]) and "corners of several tables fall together" in found.reasons[0]
     # v' = -0.7 (t - 1) from t = 1 on
-    assert found.velocity("a")[1] == pytest.approx(
-        differences(scene, (0.0, 1.5), "c.law.mu_coulomb", last_of_a, 1e-4)
-    )
+    assert found.velocity("a")[1] == pytest.approx(differences(scene, (0.0, 1.5), "c.law.mu_coulomb", last_of_a, 1e-4))
 
 
 def last_of_a(result: Result) -> float:
@@ -964,9 +956,7 @@ def test_series_and_cvode_agree() -> None:
 
 def block(*others: Any, velocity: float = 0.0, static: float = 0.2) -> Scene:
     law = DryFriction(static, 0.1)
-    return Scene(
-        Body("m", inertia=1.0, velocity=velocity), Contact("c", "m", GROUND, law, normal=10.0), *others
-    )
+    return Scene(Body("m", inertia=1.0, velocity=velocity), Contact("c", "m", GROUND, law, normal=10.0), *others)
 
 
 @pytest.mark.slow
@@ -994,9 +984,7 @@ def test_what_comes_to_rest_slowly_does_not_graze(damping: float, frequency: flo
 
 def test_a_touch_of_the_level_has_no_derivative() -> None:
     """The force comes to exactly the breakaway level 2 at 0.25 s."""
-    found = sensitivities(
-        block(Force("m", sine(2.0, 1.0))), (0.0, 1.0), ["forces[0].signal.amplitude", "m.inertia"]
-    )
+    found = sensitivities(block(Force("m", sine(2.0, 1.0))), (0.0, 1.0), ["forces[0].signal.amplitude", "m.inertia"])
     assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == 0.0
     assert len(found.reasons) == 1 and "t = 0.25 s on: 'c' grazes" in found.reasons[0]
     assert found.velocity("m", 0.2)[0] == 0.0
@@ -1015,16 +1003,12 @@ def test_an_event_on_a_break_has_no_derivative() -> None:
     assert "falls on a break of a load" in found.reasons[0]
 
 
-@pytest.mark.parametrize(
-    "law", [DryFriction(0.3, 0.2), PreSlip(DryFriction(0.3, 0.2), 0.01, "tanh")], ids=repr
-)
+@pytest.mark.parametrize("law", [DryFriction(0.3, 0.2), PreSlip(DryFriction(0.3, 0.2), 0.01, "tanh")], ids=repr)
 def test_a_load_that_is_0_presses_to_one_side_only(law: Any) -> None:
     """Below 0 it is cut off: a rise at the first corner presses before 1 s, too, a fall only takes from the ramp."""
     load = piecewise_linear([1.0, 2.0, 3.0], [0.0, 2.0, 0.0])
     scene = Scene(Body("m", inertia=1.0, velocity=9.0), Contact("c", "m", GROUND, law, normal=load))
-    found = sensitivities(
-        scene, (0.0, 4.0), ["c.normal.values[0]", "c.normal.values[1]", "c.normal.values[2]"]
-    )
+    found = sensitivities(scene, (0.0, 4.0), ["c.normal.values[0]", "c.normal.values[1]", "c.normal.values[2]"])
     first, top, last = found.velocity("m", [2.5, 4.0]).T
     assert np.isnan(first).all() and top == pytest.approx([-0.175, -0.2], abs=1e-6)
     assert last[0] == pytest.approx(-0.2 * 0.125, abs=1e-6) and np.isnan(last[1])
@@ -1131,9 +1115,7 @@ def test_gains_factors_of_feedback_and_levers_are_parameters() -> None:
     by_k = -mu / k**2 * (math.cos(w) - 1) - (1 + mu / k) * math.sin(w) / (2 * w)
     assert np.allclose(found.position("m"), [4 * by_k, -by_k], rtol=1e-9)
 
-    lever = Scene(
-        Body("a", inertia=1.0), Body("b", inertia=2.0), Tie("lever", {"a": 1.0, "b": 2.0}), Force("a", 3.0)
-    )
+    lever = Scene(Body("a", inertia=1.0), Body("b", inertia=2.0), Tie("lever", {"a": 1.0, "b": 2.0}), Force("a", 3.0))
     (one,) = sensitivities(lever, (0.0, 1.0), ["lever.coefficients.b"]).velocity("a")
     c = 2.0
     assert one == pytest.approx(3.0 * 4.0 / c**3 / (1.0 + 2.0 / c**2) ** 2, rel=1e-9)
@@ -1141,26 +1123,20 @@ def test_gains_factors_of_feedback_and_levers_are_parameters() -> None:
 
 def test_a_function_without_derivatives_is_differenced_finely() -> None:
     """m v' = -v^3: v = v_0 / q with q = sqrt(1 + 2 v_0^2 t / m), and dv/dv_0 = 1 / q^3."""
-    scene = Scene(
-        Body("m", inertia=2.0, velocity=1.5), Force("m", feedback(lambda v: -(v**3), velocity("m")))
-    )
+    scene = Scene(Body("m", inertia=2.0, velocity=1.5), Force("m", feedback(lambda v: -(v**3), velocity("m"))))
     found = sensitivities(scene, (0.0, 3.0), ["m.velocity", "m.inertia"])
     q = math.sqrt(1 + 2 * 1.5**2 * 3.0 / 2.0)
     assert np.allclose(found.velocity("m"), [q**-3, 1.5**3 * 3.0 / 2.0**2 / q**3], rtol=1e-9)
 
 
 def test_limits_have_the_unit_of_positions() -> None:
-    scene = Scene(
-        Body("m", inertia=1.0), Stop("wall", "m", GROUND, upper=1.0, restitution=0.5), motion="translation"
-    )
+    scene = Scene(Body("m", inertia=1.0), Stop("wall", "m", GROUND, upper=1.0, restitution=0.5), motion="translation")
     upper, restitution = named_parameters(scene, ["wall.upper", "wall.restitution"], "test")
     assert upper.unit(scene) == "m" and restitution.unit(scene) == ""
 
 
 def test_what_is_no_parameter_is_refused() -> None:
-    scene = block(
-        Force("m", sine(1.0, 1.0)), Damper("m", GROUND, damping=1.0), Spring("m", GROUND, stiffness=0.0)
-    )
+    scene = block(Force("m", sine(1.0, 1.0)), Damper("m", GROUND, damping=1.0), Spring("m", GROUND, stiffness=0.0))
 
     def refused(kind: type[Exception], names: Any, *words: str) -> None:
         with pytest.raises(kind) as told:
@@ -1198,9 +1174,7 @@ def test_a_parameter_at_its_limit_has_one_side() -> None:
 
 def test_a_parameter_belongs_to_what_has_it_of_a_body_and_a_contact_of_one_name() -> None:
     """A body of mass m slows down by mu N / m: v = v0 - mu N t / m."""
-    scene = Scene(
-        Body("a", inertia=2.0, velocity=5.0), Contact("a", "a", GROUND, DryFriction(0.3, 0.3), normal=10.0)
-    )
+    scene = Scene(Body("a", inertia=2.0, velocity=5.0), Contact("a", "a", GROUND, DryFriction(0.3, 0.3), normal=10.0))
     found = sensitivities(scene, (0.0, 1.0), ["a.inertia", "a.normal"])
     assert np.allclose(found.velocity("a"), [3.0 / 4.0, -0.3 / 2.0], rtol=1e-9)
     with pytest.raises(ValueError, match="a body and a contact are both called 'a'; rename one of them"):
@@ -1218,12 +1192,8 @@ def test_parameters_of_rows_are_counted_through_all_kinds_of_rows() -> None:
     names = ["rows[1].restitution", "rows[2].restitution", "elements[0].velocity"]
     found = sensitivities(scene, (0.0, 1.0), names)
     assert np.allclose(found.velocity("a"), [3.0, 0.0, -0.5], atol=1e-12)
-    assert np.allclose(
-        sensitivities(scene, (0.0, 1.0), ["stops[0].restitution"]).velocity("a"), 3.0, atol=1e-12
-    )
-    with pytest.raises(
-        ValueError, match=r"'stops\[0\].restitution' is 'rows\[1\].restitution' by another name"
-    ):
+    assert np.allclose(sensitivities(scene, (0.0, 1.0), ["stops[0].restitution"]).velocity("a"), 3.0, atol=1e-12)
+    with pytest.raises(ValueError, match=r"'stops\[0\].restitution' is 'rows\[1\].restitution' by another name"):
         sensitivities(scene, (0.0, 1.0), [*names, "stops[0].restitution"])
 
 
@@ -1234,10 +1204,7 @@ def test_functions_are_not_asked_beside_a_derivative_that_does_not_exist() -> No
     """
     one, ramp = DryFriction(1.0, 1.0), piecewise_linear([0.0, 10.0], [0.0, 10.0])
     scene = Scene(
-        *(
-            Body(name, inertia=1.0, velocity=0.5 if name == "swing" else 0.0)
-            for name in ("a", "b", "swing", "c")
-        ),
+        *(Body(name, inertia=1.0, velocity=0.5 if name == "swing" else 0.0) for name in ("a", "b", "swing", "c")),
         *(Contact(f"on {name}", name, GROUND, one, normal=1.0) for name in ("a", "b")),
         *(Force(name, ramp) for name in ("a", "b")),
         Contact("on c", "c", GROUND, one, normal=feedback(lambda v: 1.0 + v * v, velocity("swing"))),
@@ -1322,9 +1289,7 @@ def test_the_position_of_a_body_by_its_number() -> None:
 
 
 def test_at_no_times() -> None:
-    scene = Scene(
-        Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0)
-    )
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0))
     found = sensitivities(scene, (0.0, 1.0), ["m.inertia", "m.velocity"])
     assert found.velocity("m", []).shape == found.heat("c", []).shape == (0, 2)
 

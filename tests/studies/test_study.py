@@ -205,9 +205,7 @@ def test_best_is_the_cheapest_within_an_error_or_the_most_accurate_within_a_time
     assert table.best(time=100.0).name == "fine"
     with pytest.raises(ValueError, match=r"no setup has error <= 1e-09; the nearest is 'fine' .* tighter"):
         table.best(error=1e-9)
-    with pytest.raises(
-        ValueError, match=r"no setup has median time <= 0.5 s; the nearest is 'rough' .* looser"
-    ):
+    with pytest.raises(ValueError, match=r"no setup has median time <= 0.5 s; the nearest is 'rough' .* looser"):
         table.best(time=0.5)
     with pytest.raises(TypeError, match="either error= or time="):
         table.best()

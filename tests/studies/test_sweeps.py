@@ -443,9 +443,7 @@ if __name__ == "__main__":
 def test_interrupt_of_processes_keeps_results_and_the_file_resumes(tmp_path):
     script, path = tmp_path / "interrupted.py", tmp_path / "sweep.jsonl"
     script.write_text(INTERRUPTED_SWEEP)
-    run = subprocess.run(
-        [sys.executable, script, path], capture_output=True, text=True, timeout=600, check=True
-    )
+    run = subprocess.run([sys.executable, script, path], capture_output=True, text=True, timeout=600, check=True)
     first, second, pending = map(float, run.stdout.split())
     # two points are under way at once: the one before the interrupting one may not have come back yet
     assert first == 1.0

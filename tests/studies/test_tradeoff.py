@@ -131,9 +131,7 @@ def test_who_forbids_creeping_is_advised_no_regularised_call():
     assert study.recommend(time=1.5).call == "a"
     with pytest.raises(ValueError, match="recommend: no call has"):
         study.recommend(time=1.5, may_creep=False)
-    assert all(
-        call.creeps == call.family.startswith("pre-slip") for call in calls(flywheel_benchmark(), (0, 4), 1.0)
-    )
+    assert all(call.creeps == call.family.startswith("pre-slip") for call in calls(flywheel_benchmark(), (0, 4), 1.0))
 
 
 def test_the_text_of_a_call_does_what_the_call_does():
@@ -290,9 +288,7 @@ def test_failures_and_what_was_left_out_are_listed():
         Skipped("x", "took 3 s, its share is 1 s"),
         Skipped("y", "not tried, costlier than one that took 3 s"),
     )
-    text = str(
-        made(row("a", 1.0, 1e-2), row("b", 2.0, math.nan, failure="SimulationError: stop"), skipped=left)
-    )
+    text = str(made(row("a", 1.0, 1e-2), row("b", 2.0, math.nan, failure="SimulationError: stop"), skipped=left))
     assert "FAILED SimulationError: stop" in text
     assert "left out: x: took 3 s, its share is 1 s" in text
     assert "left out untried: 1 costlier calls" in text
@@ -350,9 +346,7 @@ def test_a_scene_that_cannot_be_simulated_says_so(monkeypatch):
 @pytest.mark.parametrize("wrong", ["a", None, math.nan, -1.0, True])
 def test_an_error_that_is_no_number_from_0_on_is_refused(wrong):
     scene = Scene(Body("m", inertia=1.0, velocity=0.1))
-    with pytest.raises(
-        ValueError, match=r"error\(result, reference\) must return a number that is at least 0"
-    ):
+    with pytest.raises(ValueError, match=r"error\(result, reference\) must return a number that is at least 0"):
         tradeoff(scene, (0.0, 1.0), error=lambda result, reference: wrong, budget=2.0)
 
 

@@ -318,9 +318,7 @@ class Due:
         g = self._along(self.moved(row, t), self._system.piecewise.border[[border]])[0]
         return self._way_out(j, g, int(border), t) < 0
 
-    def _enter(
-        self, j: int, g: Array, t: float, span: float, side: int, floor: float, may_touch: bool = False
-    ) -> None:
+    def _enter(self, j: int, g: Array, t: float, span: float, side: int, floor: float, may_touch: bool = False) -> None:
         """Enter the first root of a guard, a polynomial in the time since `t` over `span`, if it is the first one."""
         self._work.guards_isolated += 1
         root = first_touch(g, floor)[0] if may_touch else first_root(g, floor)

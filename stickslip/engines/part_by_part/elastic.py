@@ -100,6 +100,4 @@ class Elastic:
     def beyond(self, gaps: Indices, places: Modes) -> Regions:
         """Return the regions beyond one border of each of some gaps, by its place among those of its region."""
         at = self._functions.first[gaps] + self.region[gaps]
-        return np.asarray(
-            self._functions.beyond[self._functions.border_from[at] + places], dtype=self.region.dtype
-        )
+        return np.asarray(self._functions.beyond[self._functions.border_from[at] + places], dtype=self.region.dtype)

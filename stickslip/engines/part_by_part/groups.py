@@ -51,9 +51,7 @@ class Groups:
         inner = held[forest.parent[held] >= 0]
         if not inner.size:
             return
-        graph = scipy.sparse.coo_array(
-            (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
-        )
+        graph = scipy.sparse.coo_array((np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n))
         label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
         order = np.argsort(label[forest.body_at], kind="stable")
         bodies = forest.body_at[order]

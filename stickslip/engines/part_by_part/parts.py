@@ -155,9 +155,7 @@ class Parts:
         rows, mode = rows[moving], self.mode[rows[moving]]
         if not rows.size:
             return
-        push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * normals[
-            moving
-        ]
+        push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * normals[moving]
         place[bodies] = np.arange(bodies.size)
         for ends, add in ((forest.child[rows], np.subtract), (forest.parent[rows], np.add)):
             within = ((ends >= 0) & (place[ends] >= 0)).nonzero()[0]
@@ -540,9 +538,7 @@ class Parts:
         found = np.zeros((gaps.size, self.velocity.shape[1]))
         for ends, lever in ((forest.child, 0), (forest.parent, 1)):
             some = (ends[gaps] >= 0).nonzero()[0]
-            found[some] += (
-                forest.lever[gaps[some], lever, None] * self._positions_about(ends[gaps[some]], t)[:, :-1]
-            )
+            found[some] += forest.lever[gaps[some], lever, None] * self._positions_about(ends[gaps[some]], t)[:, :-1]
         some = (forest.drive[gaps] >= 0).nonzero()[0]
         if some.size:
             x = self.prescribed.drive_positions(forest.drive[gaps[some]], t)

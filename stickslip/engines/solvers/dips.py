@@ -81,9 +81,7 @@ def first_dip(along: Along) -> Dip | None:
         looks, ends = np.insert(looks, -1, late), np.insert(ends, -1, values(late)[:, 0], axis=1)
     begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
     highest = _highest(looks, ends, np.column_stack([begin, low]), taus)
-    found = _first_negative(
-        looks, ends, values, np.where(highest >= _FROM_ABOVE * touch[:, None], touch[:, None], 0.0)
-    )
+    found = _first_negative(looks, ends, values, np.where(highest >= _FROM_ABOVE * touch[:, None], touch[:, None], 0.0))
     if found is None:
         return None
     tau, row = found
@@ -92,17 +90,13 @@ def first_dip(along: Along) -> Dip | None:
     # by as much as is uncertain the place of the minimum is, too, where a zero is divided out
     place = int(looks.searchsorted(tau))
     left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
-    return Dip(
-        _lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]])
-    )
+    return Dip(_lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]]))
 
 
 def _highest(looks: Array, values: Array, low: Array, taus: Array) -> Array:
     """Return from how high up guards have come down by each look: of steps that need none it is what they are above."""
     reached = np.maximum.accumulate(np.where(np.isfinite(values), values, -np.inf), axis=1)
-    return np.asarray(
-        np.maximum(reached, np.maximum.accumulate(low, axis=1)[:, taus.searchsorted(looks) - 1])
-    )
+    return np.asarray(np.maximum(reached, np.maximum.accumulate(low, axis=1)[:, taus.searchsorted(looks) - 1]))
 
 
 def _looks(guards: Callable[[Array], Array], bend: Mask, left: Array, right: Array) -> tuple[Array, Array]:
@@ -171,9 +165,7 @@ def _lowest(guards: Callable[[Array], Array], row: int, left: float, right: floa
     return float(found.x), float(found.fun)
 
 
-def _come_close(
-    guards: Callable[[Array], Array], left: Array, right: Array, rows: Indices, touch: Array
-) -> Mask:
+def _come_close(guards: Callable[[Array], Array], left: Array, right: Array, rows: Indices, touch: Array) -> Mask:
     """Tell which guards that turn between `left` and `right` come near zero: all together, by narrower parabolas."""
 
     def at(taus: Array) -> Array:

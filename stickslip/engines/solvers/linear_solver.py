@@ -35,9 +35,7 @@ def band_order(system: System) -> Indices | None:
     springs.resize((size, size))
     moves = scipy.sparse.csr_array((np.ones(system.moved.size), places), shape=(size, size))
     total = joined + springs + moves
-    order = scipy.sparse.csgraph.reverse_cuthill_mckee(
-        scipy.sparse.csr_matrix(total + total.T), symmetric_mode=True
-    )
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(scipy.sparse.csr_matrix(total + total.T), symmetric_mode=True)
     return np.asarray(order, dtype=np.intp)
 
 
@@ -83,9 +81,7 @@ class LinearSolver:
         if not changed and np.isin(_place(matrix), self._places).all():
             return False
         pattern = abs(matrix) + scipy.sparse.eye_array(size)
-        self._pattern, self._places = sparsity_pattern(
-            pattern if self._pattern is None else pattern + self._pattern
-        )
+        self._pattern, self._places = sparsity_pattern(pattern if self._pattern is None else pattern + self._pattern)
         return True
 
     def options(self) -> dict[str, Any]:

@@ -155,9 +155,7 @@ def _with_rates(
     return best, worst
 
 
-def _differences(
-    taus: Array, points: Array, tolerance: tuple[float, Any], highest: int
-) -> tuple[Array, Array]:
+def _differences(taus: Array, points: Array, tolerance: tuple[float, Any], highest: int) -> tuple[Array, Array]:
     """Return divided differences (order, points, size) from each point on, and their sizes in tolerances."""
     found = np.zeros((highest + 1, *points.shape))
     found[0] = points
@@ -188,9 +186,7 @@ def _newton(
     orders, behind = _window(most, before)
     first = np.maximum(np.minimum(steps - behind, last - orders), 0)
     # each order adds the point on the side to which the window has grown
-    nodes = taus[
-        np.concatenate([first[:1], np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])])
-    ]
+    nodes = taus[np.concatenate([first[:1], np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])])]
     # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
     half = 0.5 * (nodes[1] - nodes[0])
     reach = np.abs(nodes[:-1] - (nodes[0] + half))

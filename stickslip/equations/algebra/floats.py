@@ -57,9 +57,7 @@ class Columns:
         """Return the time, where local time runs from `t`."""
         return self.line(t, 1.0)
 
-    def add(
-        self, function: Callable[..., Any], arguments: Sequence[Array] | Array, width: int = 1
-    ) -> Indices:
+    def add(self, function: Callable[..., Any], arguments: Sequence[Array] | Array, width: int = 1) -> Indices:
         """Add a term, and return its columns."""
         self.terms.append(Term(function, np.array(arguments), width))
         self._next += width

@@ -111,9 +111,7 @@ class Dependence:
         self.width = sum(node.width for node in nodes if node.table is None)
         self.has_heat = any(node.row >= 0 for node in nodes)
         self.places = np.concatenate([np.arange(first, int(starts[-1])), self.rows]).astype(np.intp)
-        self.for_tables = self.before(
-            place for k in self.tables for place in self.arguments[k].places.tolist()
-        )
+        self.for_tables = self.before(place for k in self.tables for place in self.arguments[k].places.tolist())
         """The nodes on which it depends what tables are looked up at."""
         read = [self.arguments[k].places for k in {*self.tables, *self.for_tables}]
         self.read_for_tables = frozenset(place for places in read for place in places.tolist())
@@ -238,9 +236,7 @@ class Dependence:
         Local time runs from `t`. `friction` returns the friction force of a row as a function of its relative velocity
         and normal force. Each table follows the line of its region.
         """
-        for number, (node, forms, own) in enumerate(
-            zip(self.nodes, self.arguments, self._ranges, strict=True)
-        ):
+        for number, (node, forms, own) in enumerate(zip(self.nodes, self.arguments, self._ranges, strict=True)):
             arguments = forms.at(y, q)
             if node.table is not None:
                 columns.looked_up.append(arguments[0])
@@ -274,9 +270,7 @@ class Dependence:
         slow: only the nodes `wanted` are computed, None for all. Each table follows the line of its region, also beyond
         its borders; without `regions`, that of what it is looked up at.
         """
-        for number, (node, forms, own) in enumerate(
-            zip(self.nodes, self.arguments, self._ranges, strict=True)
-        ):
+        for number, (node, forms, own) in enumerate(zip(self.nodes, self.arguments, self._ranges, strict=True)):
             if wanted is not None and number not in wanted:
                 continue
             arguments = forms.at(y, q)

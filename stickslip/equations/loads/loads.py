@@ -142,9 +142,7 @@ class Loads:
                     waves.append((i, term.amplitude, term.frequency, term.phase))
                     if rate is not None:
                         turn = 2 * math.pi * term.frequency
-                        waves.append(
-                            (rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi)
-                        )
+                        waves.append((rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi))
                 elif isinstance(term, (Constant, Line, PiecewiseLinear)):
                     value[i] += term.at(t)
                     slope[i] += term.slope(t)

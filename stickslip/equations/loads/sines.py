@@ -65,9 +65,7 @@ class Sines:
         """Return what they have added up to from `start` to `t`: a number for each, or of one of them at many times."""
         # one product, no difference: slow sines have integrals that are large
         half = math.pi * np.fmod(self.frequency * (t - start), 2.0)
-        return np.asarray(
-            self.amplitude / math.pi * np.sin(half) / self.frequency * np.sin(self.angle(start) + half)
-        )
+        return np.asarray(self.amplitude / math.pi * np.sin(half) / self.frequency * np.sin(self.angle(start) + half))
 
     def taylor_of_gone(self, start: float, t: float, order: int, scale: float) -> Array:
         """Return the same with its derivatives at `t`, as `taylor` does."""

@@ -177,13 +177,9 @@ class Radii(Link):
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
         if lower == -math.inf and upper == math.inf:
-            raise ValueError(
-                f"{self.label}: neither lower nor upper is given; give at least one of the limits"
-            )
+            raise ValueError(f"{self.label}: neither lower nor upper is given; give at least one of the limits")
         if lower > upper:
-            raise ValueError(
-                f"{self.label}: lower must not be above upper, got {lower:g} and {upper:g}; exchange them"
-            )
+            raise ValueError(f"{self.label}: lower must not be above upper, got {lower:g} and {upper:g}; exchange them")
 
     def __post_init__(self) -> None:
         """Check ends and radii."""
@@ -195,9 +191,7 @@ class Radii(Link):
 def check_motion(motion: Any, label: str, default: str) -> None:
     """Refuse what is no kind of motion."""
     if motion is not None and not (isinstance(motion, str) and motion in get_args(MotionKind)):
-        raise ValueError(
-            f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}"
-        )
+        raise ValueError(f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}")
 
 
 def check_members(label: str, members: Iterable[str], free: frozenset[str], known: frozenset[str]) -> None:
@@ -208,9 +202,7 @@ def check_members(label: str, members: Iterable[str], free: frozenset[str], know
             ground = "; the ground is GROUND, without quotes, or 'ground'" if end.lower() == GROUND else ""
             raise ValueError(f"{label}: no body is called {end!r}; known are {listed(known)}{ground}")
     if not any(end in free for end in names):
-        said = (
-            f"neither {names[0]!r} nor {names[1]!r} is" if len(names) == 2 else f"none of {listed(names)} is"
-        )
+        said = f"neither {names[0]!r} nor {names[1]!r} is" if len(names) == 2 else f"none of {listed(names)} is"
         raise ValueError(f"{label}: {said} free to move; join at least one Body")
 
 

@@ -99,9 +99,7 @@ class AnyBlock(Named):
     ) -> list[float]:
         """Return so many finite numbers of one of the block's functions; a ValueError says what is wrong."""
         try:
-            found = np.array(
-                getattr(self, name)(t, np.array(x, dtype=float), np.array(u, dtype=float)), dtype=float
-            )
+            found = np.array(getattr(self, name)(t, np.array(x, dtype=float), np.array(u, dtype=float)), dtype=float)
         except Exception as error:
             raise ValueError(f"{name} raised {error!r}") from error
         enough = found.ndim < 2 and (found.size == count if exactly else found.size >= count)
@@ -230,14 +228,10 @@ class StateSpace(AnyBlock):
         """Take the matrices of a system of another package, if it is one."""
         if not hasattr(system, "A"):
             if hasattr(system, "num"):
-                raise TypeError(
-                    f"{self.label}: give the state space of the transfer function, control.ss(system)"
-                )
+                raise TypeError(f"{self.label}: give the state space of the transfer function, control.ss(system)")
             return
         if (dt := getattr(system, "dt", None)) not in (None, 0):
-            raise ValueError(
-                f"{self.label}: the system has a sample time of {dt}; give Sampled(...) for discrete time"
-            )
+            raise ValueError(f"{self.label}: the system has a sample time of {dt}; give Sampled(...) for discrete time")
         for name in "ABCD":
             object.__setattr__(self, name, np.asarray(getattr(system, name), dtype=float))
 

@@ -60,9 +60,7 @@ class Contact(Row, Radii):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.law, Law) or not isinstance(getattr(self.law, "law", self.law), DryFriction):
-            raise TypeError(
-                f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
-            )
+            raise TypeError(f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}")
         self._load("normal")
         self._not_negative("rested")
         self._number("deflection")

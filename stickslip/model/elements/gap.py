@@ -104,9 +104,7 @@ class Gap(Row, Radii):
             ways_out.append((-depth, inwards))
             regions += [
                 Region(side * 2.0 * push, ((depth, 0), (drag - push, between)), side),
-                Region(
-                    side * (push + drag), ((depth, 0), (push - drag, inwards), (push + drag, outwards)), side
-                ),
+                Region(side * (push + drag), ((depth, 0), (push - drag, inwards), (push + drag, outwards)), side),
                 Region(0.0 * ONE, ((depth, 0), (-(push + drag), between)), side),
             ]
         return [Region(0.0 * ONE, tuple(ways_out), Mode.OPEN), *regions]

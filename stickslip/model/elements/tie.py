@@ -50,9 +50,7 @@ class Tie(Held):
                 raise TypeError(f"{self.label}: members must be names of bodies, got {member!r}")
             checked[member] = finite(value, f"{self.label}: coefficient of {member!r}")
             if checked[member] == 0:
-                raise ValueError(
-                    f"{self.label}: coefficient of {member!r} must not be 0; leave {member!r} out"
-                )
+                raise ValueError(f"{self.label}: coefficient of {member!r} must not be 0; leave {member!r} out")
         object.__setattr__(self, "coefficients", MappingProxyType(checked))
 
     def __reduce__(self) -> tuple[type[Tie], tuple[str, dict[str, float]]]:

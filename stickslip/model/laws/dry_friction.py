@@ -171,16 +171,13 @@ class DryFriction(Law):
         try:
             at_rest = self.kinetic(0.0)
         except Exception as error:
-            raise ValueError(
-                f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest"
-            ) from error
+            raise ValueError(f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest") from error
         at_rest = finite(at_rest, "DryFriction: kinetic(0)")
         # one curve for both directions: at rest it may exceed neither static coefficient
         side, suffix = (1, "") if self.mu_s(1) <= self.mu_s(-1) else (-1, "_backward")
         if not 0 <= at_rest <= self.mu_s(side) * (1 + _ROUNDOFF):
             raise ValueError(
-                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and "
-                f"mu_static{suffix} = {self.mu_s(side):g}"
+                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and mu_static{suffix} = {self.mu_s(side):g}"
             )
 
     def mu_s(self, direction: int) -> float:

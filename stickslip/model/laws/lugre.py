@@ -35,9 +35,7 @@ class _Bristles(Kernel):
 
     def in_floats(self, place: int) -> Callable[[float, float, float], tuple[float, float]]:
         forward, backward = (self._mu.of_one(place, side) for side in (1, -1))
-        stiffness, damping, viscous = (
-            float(s[place]) for s in (self._stiffness, self._damping, self._viscous)
-        )
+        stiffness, damping, viscous = (float(s[place]) for s in (self._stiffness, self._damping, self._viscous))
 
         def force_and_rate(w: float, normal: float, z: float) -> tuple[float, float]:
             push = stiffness * abs(w)

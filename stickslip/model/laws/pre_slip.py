@@ -131,9 +131,7 @@ class PreSlip(Law):
         self._check_law()
         self._check_number("velocity", positive=True)
         if not isinstance(self.shape, str) or self.shape not in _SHAPES:
-            raise ValueError(
-                f"PreSlip: unknown shape {self.shape!r}; choose from {', '.join(map(repr, _SHAPES))}"
-            )
+            raise ValueError(f"PreSlip: unknown shape {self.shape!r}; choose from {', '.join(map(repr, _SHAPES))}")
 
     @property
     def character(self) -> Character:

@@ -51,9 +51,7 @@ class VelocityDependentForces:
             kinds.setdefault(laws[place].kernel, []).append(place)
         sorted_out: list[tuple[Indices, Kernel]] = []
         if slips.size:
-            sorted_out.append(
-                (slips, Slipping([laws[k].core for k in slips.tolist()], sign[slips].astype(float)))
-            )
+            sorted_out.append((slips, Slipping([laws[k].core for k in slips.tolist()], sign[slips].astype(float))))
         sorted_out += [(np.array(places), kind([laws[k] for k in places])) for kind, places in kinds.items()]
         stateful = [places for places, kernel in sorted_out if kernel.has_state]
         self.bristles: Indices = np.sort(np.concatenate(stateful)) if stateful else np.empty(0, dtype=np.intp)
@@ -75,9 +73,7 @@ class VelocityDependentForces:
     def in_floats(self) -> list[Callable[..., Any]] | None:
         """Return the functions that tell each contact's force in plain floats, None where one has none."""
         found = {
-            place: kernel.in_floats(k)
-            for places, _, kernel in self._parts
-            for k, place in enumerate(places.tolist())
+            place: kernel.in_floats(k) for places, _, kernel in self._parts for k, place in enumerate(places.tolist())
         }
         functions = [function for _, function in sorted(found.items()) if function is not None]
         return functions if len(functions) == self._count else None

@@ -159,9 +159,7 @@ class Follower:
             return self._period
         return finite(self._period(value), f"continue_cycle: period({value:g})")
 
-    def along(
-        self, first: Cycle, values: Array, every: Array | None = None, first_step: float = 1.0
-    ) -> Branch:
+    def along(self, first: Cycle, values: Array, every: Array | None = None, first_step: float = 1.0) -> Branch:
         """Return the branch that begins with a cycle at the first of some values.
 
         Beyond a fold it goes back over `every` value, by default the same ones. The first step is a part of the way to
@@ -288,9 +286,7 @@ class Follower:
         apart = max(abs(inner.value - at), abs(inner.value - end))
         return self._beyond(inner, apart, last.value, spacing > 0, every)
 
-    def _beyond(
-        self, first: _Reached, apart: float, before: float, rose: bool, every: Array
-    ) -> Branch | None:
+    def _beyond(self, first: _Reached, apart: float, before: float, rose: bool, every: Array) -> Branch | None:
         """Return the branch that goes back over the values from a cycle beyond a fold, so far apart from it.
 
         Near the fold both branches are so near to each other that long steps would lead back to the other one.

@@ -117,9 +117,7 @@ class Cycle:
             said = f"{one.real:.9g}" if abs(one.imag) <= _ZERO else f"{one.real:.9g} {one.imag:+.9g}i"
             lines.append(f"multiplier {said}, modulus {abs(one):.9g}")
         if self.sticks and np.any(self.multipliers == 0):
-            lines.append(
-                "a contact sticks: in one direction the motion forgets what was before (multiplier 0)"
-            )
+            lines.append("a contact sticks: in one direction the motion forgets what was before (multiplier 0)")
         return "\n".join([*lines, *self.sequence])
 
 

@@ -101,9 +101,7 @@ def cycle_within(cycle: Cycle) -> Cycle | None:
     return None
 
 
-def closed_from(
-    cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None
-) -> Cycle:
+def closed_from(cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None) -> Cycle:
     """Return the cycle near another one whose parameter has changed.
 
     The parameter has changed by `change` to `value`, and the given period of the loads by `longer` in s, None if it has

@@ -28,9 +28,7 @@ def check_loads(system: System, period: float) -> None:
     """Refuse loads that do not repeat with the period."""
     loads = system.loads(0.0, 2 * period)
     places = (np.arange(97) + 0.37) / 97 * period
-    now, later = (
-        np.array([loads.after(t).at(t) for t in (places + start).tolist()]) for start in (0.0, period)
-    )
+    now, later = (np.array([loads.after(t).at(t) for t in (places + start).tolist()]) for start in (0.0, period))
     size = np.maximum(np.abs(now), np.abs(later)).max(axis=0, initial=0.0)
     for k, i in np.argwhere(np.abs(now - later) > 1e-9 * size)[:1].tolist():
         raise ValueError(
@@ -79,9 +77,7 @@ def check_constant(system: System) -> None:
     is_straight = math.isinf(system.loads(0.0, 1.0).period)
     loads = system.loads(0.0, math.inf if is_straight else 1.0)
     segments = [loads.after(t) for t in (0.0, *loads.breaks)]
-    if not is_straight or any(
-        not one.is_steady or np.any(one.value != segments[0].value) for one in segments
-    ):
+    if not is_straight or any(not one.is_steady or np.any(one.value != segments[0].value) for one in segments):
         raise ValueError(
             "limit_cycle: the loads change with time; give their period, period=... (it is found only where loads are "
             "constant; of loads that become constant give the last values; where the period changes with the value, "

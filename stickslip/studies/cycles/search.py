@@ -94,9 +94,7 @@ def limit_cycle(
             "limit_cycle: cycles of laws with bristles are not searched for; take the DryFriction at their core"
         )
     if system.sampled:
-        raise ValueError(
-            "limit_cycle: sampled blocks have no derivatives here; blocks in continuous time have"
-        )
+        raise ValueError("limit_cycle: sampled blocks have no derivatives here; blocks in continuous time have")
     if period is not None:
         if guess is not None:
             raise ValueError("limit_cycle: give the period or a guess of it, not both")
@@ -161,9 +159,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     return scene_at(result, periods * period)
 
 
-def _after_transient(
-    scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]
-) -> Cycle:
+def _after_transient(scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]) -> Cycle:
     """Return the cycle that a transient leads near to; the longer it is, the nearer."""
     system = compiled(scene)
     span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))

@@ -45,9 +45,7 @@ class Shot:
     It starts at the time `begin` in s; if it is `forced`, the period is given.
     """
 
-    def __init__(
-        self, scene: Scene, period: float, forced: bool, options: dict[str, Any], begin: float = 0.0
-    ) -> None:
+    def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any], begin: float = 0.0) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
         self.begin = begin
         self._by_parameter: dict[str, tuple[Array, Array]] = {}
@@ -82,9 +80,7 @@ class Shot:
             max(float(np.ptp(whole[speeds], axis=1).max(initial=0.0)), 1e-300),
             position_size(self.system, self.result, whole[places]),
         )
-        return max(
-            float(off[g].max(initial=0.0)) / size for g, size in zip(closing.groups, sizes, strict=True)
-        )
+        return max(float(off[g].max(initial=0.0)) / size for g, size in zip(closing.groups, sizes, strict=True))
 
     def between_events(self) -> Shot:
         """Return the shot from the middle of the longest motion: an event at the start has no derivative."""
@@ -158,9 +154,7 @@ class Shot:
         left, parts, right_vectors = np.linalg.svd(matrix)
         sure = parts > _ROUNDOFF * max(1.0, float(np.abs(self.monodromy * sizes / sizes[:, None]).max()))
         found = right_vectors.T @ np.divide(left.T @ sought, parts, out=np.zeros(parts.size), where=sure)
-        if not np.allclose(
-            matrix @ found, sought, rtol=1e-6, atol=1e-9 * (1 + np.abs(sought).max(initial=0.0))
-        ):
+        if not np.allclose(matrix @ found, sought, rtol=1e-6, atol=1e-9 * (1 + np.abs(sought).max(initial=0.0))):
             raise CycleError(
                 "a multiplier is 1: cycles are no longer single there (a fold, or a family of them), or a load is "
                 "in resonance and there is none"

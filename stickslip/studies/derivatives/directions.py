@@ -80,9 +80,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
             "another value"
         )
     if not near:
-        raise ValueError(
-            f"{what}: parameter {parameter.name!r} has no values near {parameter.value:g}: {refused}"
-        )
+        raise ValueError(f"{what}: parameter {parameter.name!r} has no values near {parameter.value:g}: {refused}")
     y = sum((weight * system.at_start() for weight, system, _ in near), np.zeros(nominal.size))
     rested = [(weight, np.array([row.rested for row in system.rows])) for weight, system, _ in near]
     since = sum((weight * (trajectory.span.start - times) for weight, times in rested), np.zeros(nominal.m))

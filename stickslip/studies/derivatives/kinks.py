@@ -27,9 +27,7 @@ _ROUNDOFF = 1e-13  # part of its size by which a guard has to rise on both sides
 _AT_REST = 1e-9  # part of the speeds below which a row has come to rest with another one
 
 
-def at_start(
-    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
-) -> Iterator[tuple[int, str]]:
+def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> Iterator[tuple[int, str]]:
     """Find directions that move rows off rest at the start which begin to slip, or forces off their levels there."""
     times = np.zeros(nearby.count)
     for k, label in _off_levels(nearby, piece, motion, S, since, times):
@@ -110,9 +108,7 @@ def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterato
                 break
 
 
-def at_touches(
-    nearby: Nearby, number: int, motion: Motion, varied: VariedPiece
-) -> Iterator[tuple[int, str, float]]:
+def at_touches(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece) -> Iterator[tuple[int, str, float]]:
     """Find directions that lift or lower guards which touch 0 without crossing it, and the local times of that.
 
     An event begins or vanishes there.
@@ -138,9 +134,7 @@ def at_touches(
             return float(guards.values(tau, y)[i])
 
         bounds = (taus[at], taus[at + 2])
-        found = scipy.optimize.minimize_scalar(
-            value, bounds=bounds, method="bounded", options={"xatol": 1e-12}
-        )
+        found = scipy.optimize.minimize_scalar(value, bounds=bounds, method="bounded", options={"xatol": 1e-12})
         # where a guard is small, as between the last rebounds of a stop, it has minima by roundoff
         around = min(float(g[i, : at + 1].max()), float(g[i, at + 2 :].max()))
         if found.fun <= min(_TOUCH * size[i], 0.5 * around) and around > _ROUNDOFF * size[i]:

@@ -43,16 +43,12 @@ class Nearby:
         self.result, self.trajectory = result, result.trajectory
         self.system: System = self.trajectory.system
         if self.system.sampled:
-            raise ValueError(
-                "sensitivities: sampled blocks have no derivatives here; blocks in continuous time have"
-            )
+            raise ValueError("sensitivities: sampled blocks have no derivatives here; blocks in continuous time have")
         self.directions = list(directions)
         breaks = len(self.trajectory.loads.breaks)
         # directions in which the scenes near by have other breaks
         self.lost_breaks = [
-            k
-            for k, one in enumerate(directions)
-            if any(len(loads.breaks) != breaks for _, _, loads in one.near)
+            k for k, one in enumerate(directions) if any(len(loads.breaks) != breaks for _, _, loads in one.near)
         ]
         self.near_ones = [() if k in self.lost_breaks else one.near for k, one in enumerate(directions)]
         self.count = len(self.directions)
@@ -154,9 +150,7 @@ class Nearby:
         exists = np.isfinite(S).all(axis=0) & np.isfinite(since).all(axis=0)
         S, since = np.where(exists, S, 0.0), np.where(np.isfinite(since), since, 0.0)
         for k in range(self.count):
-            parts = [
-                weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self.near(motion, k)
-            ]
+            parts = [weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self.near(motion, k)]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
                 for weight, moved, at in self.along(motion, since[:, k], y, S[:, :, k], is_straight)
@@ -212,9 +206,7 @@ class Nearby:
         at = np.array([tau])
         return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
 
-    def falls(
-        self, quantity: OfMotion, motion: Motion, tau: float, y: Array, straight: Mask | None = None
-    ) -> Array:
+    def falls(self, quantity: OfMotion, motion: Motion, tau: float, y: Array, straight: Mask | None = None) -> Array:
         """Return the slopes of a quantity along a motion from a state; `straight` are lines linear in the state."""
         rate = motion.rate(tau, y)
         pace = float((np.abs(rate) / self.state_sizes).max(initial=0.0))

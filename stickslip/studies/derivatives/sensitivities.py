@@ -244,9 +244,7 @@ def _reasons(variation: Variation) -> tuple[str, ...]:
 def _velocity_of(i: int) -> Callable[[Motion, Array, Array], Array]:
     def velocity(motion: Motion, taus: Array, y: Array) -> Array:
         system = motion.system
-        return np.asarray(
-            y[[i]] if i < system.n else system.drive_velocities(motion.loads(taus))[[i - system.n]]
-        )
+        return np.asarray(y[[i]] if i < system.n else system.drive_velocities(motion.loads(taus))[[i - system.n]])
 
     return velocity
 

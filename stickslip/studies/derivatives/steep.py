@@ -88,9 +88,7 @@ class Steep:
         z, slopes = np.empty((0, rows.size)), []
         for part in (_NEAR, _NEARER):
             w = sign * part * bend
-            slopes.append(
-                np.abs(equations.law.slopes(w, none + 1.0, none, z) + equations.law.left_out(w, none + 1.0))
-            )
+            slopes.append(np.abs(equations.law.slopes(w, none + 1.0, none, z) + equations.law.left_out(w, none + 1.0)))
         growth = slopes[1] / np.where(slopes[0] > 0, slopes[0], np.inf)
         is_steep = growth > _STEEPER
         return rows[is_steep], growth[is_steep]

@@ -59,9 +59,7 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     method = options.get("method")
     if isinstance(method, str) and method in METHODS and METHODS[method].takes_steps:
         others = [
-            name
-            for name, known in METHODS.items()
-            if not known.takes_steps and "contact-force" in known.formulations
+            name for name, known in METHODS.items() if not known.takes_steps and "contact-force" in known.formulations
         ]
         raise ValueError(
             f"method {method!r} changes modes at the ends of its steps, and its motion has no derivatives; "
@@ -240,9 +238,7 @@ class Variation(Nearby):
             self._refuse_all(piece.stop, "velocities jump in a way that has no derivative here", moved)
             return moved, since
         relaxed = {name for t, name in self._relaxed if t == piece.stop}
-        self._refuse(
-            piece.stop, kinks.at_rest_together(self, number, motion, S, times, relaxed), times, moved
-        )
+        self._refuse(piece.stop, kinks.at_rest_together(self, number, motion, S, times, relaxed), times, moved)
         found = moved.copy()
         for k in range(self.count):
             slope, differs = impact.along(moved[:n, k], times[k])
@@ -285,9 +281,7 @@ class Variation(Nearby):
 
     def quantity(self, quantity: OfMotion, times: Array) -> Array:
         """Return the derivatives of a quantity at any times, directions last."""
-        return self._read(
-            times, lambda number, taus: self.slopes_along(quantity, number, self.pieces[number], taus)
-        )
+        return self._read(times, lambda number, taus: self.slopes_along(quantity, number, self.pieces[number], taus))
 
     def _read(self, times: Array, read: Callable[[int, Array], Array]) -> Array:
         """Return what is read of pieces at local times, for any times; the last two axes are time and direction."""

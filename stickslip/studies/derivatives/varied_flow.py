@@ -39,9 +39,7 @@ def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -
     return (_series if motion.is_linear else _collocated)(nearby, piece, motion, S, since)
 
 
-def _series(
-    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
-) -> tuple[Array, Array, bool]:
+def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
     """Follow ``S' = A S + f_p`` by Taylor series."""
     system, path, end = nearby.system, piece.kept_path, piece.end
     near = [nearby.near(motion, k) for k in range(nearby.count)]
@@ -95,9 +93,7 @@ def _reach(c: Array) -> float:
     return reach
 
 
-def _collocated(
-    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
-) -> tuple[Array, Array, bool]:
+def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
     """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
 
     As many steps are joined as leave S a polynomial there: its last coefficient tells. Where bristles turn over, the
@@ -164,9 +160,7 @@ def _turns(motion: Motion, path: Steep) -> Array:
     return np.unique(found)
 
 
-def _collocation(
-    motion: Motion, h: float, taus: Array, y: Array, forcing: Array, S: Array
-) -> tuple[Array, Array]:
+def _collocation(motion: Motion, h: float, taus: Array, y: Array, forcing: Array, S: Array) -> tuple[Array, Array]:
     """Return the coefficients of S in a step of length `h`, from S at its start, and S at its end.
 
     The state `y` and the rates `forcing` that S does not cause are those at the times of the stages.

@@ -85,9 +85,7 @@ class VariedGuards:
         found = np.argwhere(np.abs(slopes[some]) > roundoff)
         return [(int(some[i]), int(k)) for i, k in found]
 
-    def moved(
-        self, some: Indices, tau: float, y: Array, S: Array, since: Array, times: Array
-    ) -> list[tuple[int, int]]:
+    def moved(self, some: Indices, tau: float, y: Array, S: Array, since: Array, times: Array) -> list[tuple[int, int]]:
         """Return the same at a local time that changes by `times`, from a state and its variations S."""
         if not some.size:
             return []

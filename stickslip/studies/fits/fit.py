@@ -72,9 +72,7 @@ def fit(
     starts, seed = whole(starts, "fit: starts", 1), whole(seed, "fit: seed")
     count = sum(one.t.size for record in measured for one in record)
     if count < len(names):
-        raise ValueError(
-            f"fit: {count} measured values cannot determine {len(names)} parameters; give more data"
-        )
+        raise ValueError(f"fit: {count} measured values cannot determine {len(names)} parameters; give more data")
     options = {"method": method, "rtol": between("rtol", rtol, 1e-14, 0.1), "atol": atol}
     problem = Problem(
         names,
@@ -114,9 +112,7 @@ def _records(scene: Any, data: Any) -> tuple[list[Scene], list[tuple[Measured, .
             f"fit: each record needs its scene and its data, got {len(scenes)} scenes and {len(given)} sets of data"
         )
     labels = [f"records[{k}]" for k in range(len(scenes))] if several else [""]
-    measured = [
-        measured_in(one, own, _place(label)) for one, own, label in zip(scenes, given, labels, strict=True)
-    ]
+    measured = [measured_in(one, own, _place(label)) for one, own, label in zip(scenes, given, labels, strict=True)]
     if len({one.sigma is None for record in measured for one in record}) > 1:
         raise ValueError("fit: give sigma for all data or for none")
     return scenes, measured, labels
@@ -127,13 +123,9 @@ def _place(label: str) -> str:
     return f"fit: {label}" if label else "fit"
 
 
-def _shared(
-    scenes: list[Scene], parameters: Any, labels: list[str]
-) -> tuple[list[str], list[dict[int, Parameter]]]:
+def _shared(scenes: list[Scene], parameters: Any, labels: list[str]) -> tuple[list[str], list[dict[int, Parameter]]]:
     """Return the names of the parameters, and those of each record by their places among all."""
-    names = checked_names(
-        list(parameters) if isinstance(parameters, Mapping) else parameters, "fit: parameters"
-    )
+    names = checked_names(list(parameters) if isinstance(parameters, Mapping) else parameters, "fit: parameters")
     of_one = {name: match for name in names if (match := _OF_ONE.fullmatch(name))} if labels[0] else {}
     for name, match in of_one.items():
         if match[1] not in labels:
@@ -191,9 +183,7 @@ def _searched(problem: Problem, firsts: list[Array]) -> list[tuple[Array, float]
     return sorted((one for one in found if one is not None), key=itemgetter(1))
 
 
-def _least(
-    problem: Problem, first: Array, part: float, steps: int, tolerance: float
-) -> tuple[Array, float] | None:
+def _least(problem: Problem, first: Array, part: float, steps: int, tolerance: float) -> tuple[Array, float] | None:
     """Return where least squares of a part of the data lead, and the cost there; None for a start that fails.
 
     That is one that cannot be simulated, or beside which nothing can that was tried.

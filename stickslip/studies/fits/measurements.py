@@ -54,9 +54,7 @@ class Measured:
 def measured_in(scene: Scene, data: Any, what: str) -> tuple[Measured, ...]:
     """Return what was measured of a scene, checked; `what` begins the message where it is not usable."""
     if not isinstance(data, Mapping) or not data:
-        raise TypeError(
-            f"{what}: data must map names such as 'block.velocity' to (times, values), got {data!r}"
-        )
+        raise TypeError(f"{what}: data must map names such as 'block.velocity' to (times, values), got {data!r}")
     for name in data:
         _check_name(scene, name, what)
     found = tuple(_measured(name, series, f"{what}: data {name!r}") for name, series in data.items())
@@ -99,9 +97,7 @@ def _noise(sigma: Any, count: int, label: str) -> Array:
     """Return a standard deviation for each of so many values, checked."""
     given = numbers(np.atleast_1d(sigma), f"{label}: sigma")
     if given.size not in (1, count):
-        raise ValueError(
-            f"{label}: sigma must be one number or one for each of the {count} values, got {given.size}"
-        )
+        raise ValueError(f"{label}: sigma must be one number or one for each of the {count} values, got {given.size}")
     if not (np.isfinite(given).all() and np.all(given > 0)):
         raise ValueError(f"{label}: sigma must be positive")
     return np.broadcast_to(given, (count,))
@@ -114,9 +110,6 @@ def weights_of(measured: list[tuple[Measured, ...]]) -> list[list[Array]]:
         everything.setdefault(one.name, []).append(one.values)
     ranges = {name: float(np.ptp(np.concatenate(values))) or 1.0 for name, values in everything.items()}
     return [
-        [
-            np.full(one.t.size, 1.0 / ranges[one.name]) if one.sigma is None else 1.0 / one.sigma
-            for one in record
-        ]
+        [np.full(one.t.size, 1.0 / ranges[one.name]) if one.sigma is None else 1.0 / one.sigma for one in record]
         for record in measured
     ]

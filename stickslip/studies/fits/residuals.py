@@ -51,10 +51,7 @@ class RecordRun:
             one.with_static(self._scene, value)
             for one, value in zip(self._parameters, x[self._own].tolist(), strict=True)
         ]
-        return [
-            one if (new.place, new.along) in own else new
-            for one, new in zip(self._parameters, moved, strict=True)
-        ]
+        return [one if (new.place, new.along) in own else new for one, new in zip(self._parameters, moved, strict=True)]
 
     def _scene_at(self, x: Array) -> Scene:
         """Return the scene with other values."""
@@ -110,9 +107,7 @@ class RecordRun:
 class Problem:
     """Weighted residuals of all records and their derivatives, and the bounds of the parameters."""
 
-    def __init__(
-        self, names: list[str], bounds: tuple[Array, Array], runs: list[RecordRun], has_sigma: bool
-    ) -> None:
+    def __init__(self, names: list[str], bounds: tuple[Array, Array], runs: list[RecordRun], has_sigma: bool) -> None:
         self._names, self.bounds, self._runs, self._has_sigma = names, bounds, runs, has_sigma
 
     def residuals(self, x: Array, part: float) -> Array:
