@@ -15,6 +15,7 @@ from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Signal
 from stickslip.plots.html import STYLE, bitmap, table, vector
+from stickslip.plots.overview import overview
 from stickslip.plots.schematic import MOST, schematic
 from stickslip.plots.style import apart_from_pyplot
 from stickslip.results.outcome import Event
@@ -39,8 +40,6 @@ def scene_html(scene: Scene) -> str:
 @apart_from_pyplot()
 def result_html(result: Readable) -> str:
     """Return figure, events and last velocities of a result."""
-    from stickslip.plots import overview
-
     if not result.t.size:
         return _shown(f"<p>{escape(result.message)}</p>")
     figure = overview(result)
@@ -64,8 +63,6 @@ def study_html(study: Any) -> str:
 @apart_from_pyplot()
 def cycle_html(cycle: Any) -> str:
     """Return one period of a limit cycle as a figure, and what there is to say of it."""
-    from stickslip.plots import overview
-
     figure = bitmap(overview(cycle.result), "one period: velocities, modes and forces", 80)
     return _shown(figure, f"<pre>{escape(str(cycle))}</pre>")
 

@@ -6,8 +6,10 @@ from html import escape
 from typing import Any
 
 from stickslip.model.modes import Mode
+from stickslip.plots.energy import energy
 from stickslip.plots.html import STYLE, bitmap, table, vector
 from stickslip.plots.notebook import elements_table, events_table, final_table
+from stickslip.plots.overview import overview
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import apart_from_pyplot
 from stickslip.results.energy import losses
@@ -90,8 +92,6 @@ def _outcome(result: Readable) -> str:
 
 
 def _motion(result: Readable) -> str:
-    from stickslip.plots import overview
-
     figure = overview(result)
     draw = vector if result.t.size <= _POINTS else bitmap
     return _figure(draw(figure, "velocities, modes, forces and normal forces over time"))
@@ -119,8 +119,6 @@ def _shares(result: Readable) -> str:
 def _energy(result: Readable) -> str:
     if not result.is_dense:
         return ""
-    from stickslip.plots import energy
-
     ledger: Any = result.energy()
     rows: list[tuple[str, float, float]] = [
         (name, float(value[0]), float(value[-1]))
