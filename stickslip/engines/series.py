@@ -38,10 +38,9 @@ _LISTED = 5
 
 
 class _Step(NamedTuple):
-    """Power coefficients over a step of length `h`, and where in (0, 1] a guard has its first root.
+    """Power coefficients of the states over a step of length `h`, and where in (0, 1] a guard has its first root.
 
-    `terms` are those of states, watched quantities and, where they are known at once, guards side by side; `touched` is
-    the row whose relative velocity only touches 0 there.
+    `touched` is the row whose relative velocity only touches 0 there.
     """
 
     terms: Array
@@ -49,7 +48,12 @@ class _Step(NamedTuple):
     root: float | None
     guard: int = -1
     touched: int | None = None
-    frozen: bool = False
+
+    def up_to_root(self) -> tuple[Array, float]:
+        """Return coefficients and length of the step up to its root, or of all of it."""
+        if self.root is None or self.root == 1.0:
+            return self.terms, self.h
+        return self.terms * (self.root ** np.arange(self.terms.shape[0]))[:, None], self.root * self.h
 
 
 class Series:
@@ -63,39 +67,29 @@ class Series:
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         self.work.starts += 1
-        size = motion.y.size
-        ends = [0.0]
-        pieces: list[Array] = []
+        ends, pieces = [0.0], list[Array]()
         tau, y, hit, touched = 0.0, motion.y, False, None
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
-            longest = min(horizon - tau, self._max_step)
-            step = None
-            bends = motion.is_rising(tau) or motion.segment.has_waves
-            # where springs and dampers act, a first step tells whether the motion is a long one
-            if bends and (pieces or motion.is_polynomial) and motion.may_be_bounded:
-                step = self._past_bounds(motion, guards, tau, y, longest)
-            if step is None:
-                step = self._step(motion, guards, tau, y, longest, False)
+            step = self._next(motion, guards, tau, y, min(horizon - tau, self._max_step), bool(pieces))
             touched = step.touched
             hit = step.root is not None and touched is None
-            s = 1.0 if step.root is None else step.root
-            terms = step.terms if s == 1.0 else step.terms * (s ** np.arange(step.terms.shape[0]))[:, None]
+            c, h = step.up_to_root()
+            tau = horizon if h == step.h and h >= horizon - tau else tau + h
             # row by row: what is equal stays equal to the bit
-            end, c = terms.sum(axis=0), terms[:, :size].copy()
-            tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
-            before, y = y, motion.exact(tau, end[:size])
+            before, y = y, motion.exact(tau, c.sum(axis=0))
             if not np.abs(y).max(initial=0.0) < BEYOND:
-                raise grows(Path(np.array(ends), _padded(pieces, size), before, False))
+                raise grows(Path(np.array(ends), _padded(pieces, y.size), before, False))
             self.work.steps += 1
             if len(c) == ORDER + 1 and motion.segment.is_straight and not np.count_nonzero(c[-1]):
                 # a motion that is a short polynomial is kept as one
                 c = c[: max(np.flatnonzero(c.any(axis=1)).tolist(), default=0) + 1]
-            pieces.append(c)
+            # what guards have beside them need not be kept
+            pieces.append(np.ascontiguousarray(c))
             ends.append(tau)
             if motion.has_left(tau, y) or len(pieces) == _AT_ONCE:
                 # nobody need keep a long motion whole: it goes on from here
                 break
-        path = Path(np.array(ends), _padded(pieces, size), y, hit, touched=touched)
+        path = Path(np.array(ends), _padded(pieces, y.size), y, hit, touched=touched)
         if len(pieces) == _AT_ONCE and tau * _AT_MOST < _AT_ONCE * horizon:
             raise SolverFailure(
                 f"the last {_AT_ONCE} steps took {tau:.3g} s of {horizon:.3g} s: the end is out of reach",
@@ -103,6 +97,16 @@ class Series:
                 path,
             )
         return path
+
+    def _next(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, is_begun: bool) -> _Step:
+        """Return the step from local time `tau` on, past levels that rise and sines where that can be."""
+        bends = motion.is_rising(tau) or motion.segment.has_waves
+        # where springs and dampers act, a first step tells whether the motion is a long one
+        if bends and (is_begun or motion.is_polynomial) and motion.may_be_bounded:
+            step = self._past_bounds(motion, guards, tau, y, longest)
+            if step is not None:
+                return step
+        return self._step(motion, guards, tau, y, longest, False)
 
     def _past_bounds(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float) -> _Step | None:
         """Return a step on which no guard comes to 0, whatever levels rise and sines push meanwhile.
@@ -123,8 +127,8 @@ class Series:
         if step.root * step.h < _WORTH * motion.dwell_times[:1].max(initial=motion.segment.longest_period):
             return None
         # up to there no guard is 0
-        weights = step.root ** np.arange(step.terms.shape[0])
-        return step._replace(terms=step.terms * weights[:, None], h=step.root * step.h, root=None)
+        terms, h = step.up_to_root()
+        return _Step(terms, h, None)
 
     def _step(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, frozen: bool) -> _Step:
         """Expand the motion at local time `tau`, and look for the first root of a guard within reach."""
@@ -137,7 +141,7 @@ class Series:
         else:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
             h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
-        terms, g = expansion.whole, guards.series(expansion)
+        terms, g = expansion.y, guards.series(expansion)
         if frozen and motion.segment.has_waves:
             g = np.concatenate([g[:1] - guards.allowance, g[1:]])
         if not polynomial:
@@ -157,7 +161,7 @@ class Series:
         if not guards.is_plain:
             g = _divided(g, guards.order if tau == 0 else np.where(guards.order == NEVER, NEVER, 0))
         root, guard, touches = self._first(g, motion, guards, h if tau == 0 else None)
-        return _Step(terms, h, root, guard, int(guards.row[guard]) if touches else None, frozen)
+        return _Step(terms, h, root, guard, int(guards.row[guard]) if touches else None)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards) -> float:

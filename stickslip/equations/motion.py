@@ -27,30 +27,17 @@ class Expansion:
     constants, where they are told at once.
     """
 
-    __slots__ = ("_q", "_whole", "g", "y", "z")
+    __slots__ = ("_q", "g", "y", "z")
 
-    def __init__(
-        self,
-        y: Array,
-        q: Array | Callable[[], Array],
-        z: Array,
-        g: Array | None = None,
-        whole: Array | None = None,
-    ) -> None:
-        self.y, self._q, self.z, self.g, self._whole = y, q, z, g, whole
+    def __init__(self, y: Array, q: Array | Callable[[], Array], z: Array, g: Array | None = None) -> None:
+        self.y, self._q, self.z, self.g = y, q, z, g
 
     @classmethod
     def of(cls, whole: Array, size: int, watched: int, q: Array | Callable[[], Array]) -> Expansion:
         """Return an expansion from its coefficients side by side: so many states, what is watched, and guards."""
         last = size + watched
         g = whole[:, last:] if whole.shape[1] > last else None
-        return cls(whole[:, :size], q, whole[:, size:last], g, whole)
-
-    @property
-    def whole(self) -> Array:
-        """States, watched quantities and these guards side by side, of a linear motion."""
-        assert self._whole is not None
-        return self._whole
+        return cls(whole[:, :size], q, whole[:, size:last], g)
 
     @property
     def q(self) -> Array:
