@@ -383,8 +383,7 @@ class Motion(Inputs):
         ``y_{k+1} = (A y_k + B q_k) / (k + 1)``; the state `y` has its dependent velocities written through T. With
         `frozen`, static coefficients keep the values that they have at `tau`, and sines that move nothing are left out.
         """
-        equations, system = self.equations, self.system
-        size = system.size
+        equations, size = self.equations, self.system.size
         swings = self.segment.has_waves and not (frozen and self.waves_rest)
         if equations.is_small and not (self._rises_with_state or (swings and self._rises_with_waves)):
             taylor = equations.taylor(order, frozen, self.table_regions, self.segment.waves if swings else NO_WAVES)
@@ -394,6 +393,12 @@ class Motion(Inputs):
                 return Expansion.of(
                     found, size, equations.watched_count, lambda: self._all_series(tau, own, scale, frozen)
                 )
+        return self._expand_by_orders(tau, y, order, scale, frozen)
+
+    def _expand_by_orders(self, tau: float, y: Array, order: int, scale: float, frozen: bool) -> Expansion:
+        """Return the same, one order after the other."""
+        equations, system = self.equations, self.system
+        size = system.size
         linked = Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
         loads = q if linked is None else linked.loads

@@ -19,7 +19,7 @@ from stickslip.equations.algebra.matrices import Triplets
 from stickslip.equations.balance import Balance, Components
 from stickslip.equations.loads.dependence import Dependence, Forms, Friction
 from stickslip.equations.loads.loads import Loads
-from stickslip.equations.loads.reader import BlockPlace, Form, Key, Reader
+from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.transmission import Transmission
 from stickslip.model.arrays import Array, Indices, Mask
@@ -165,15 +165,19 @@ class System:
         nodes = reader.nodes[:acting]
         self.dependence = Dependence(nodes, first_of_node[0], normals, place) if nodes or normals else None
         self._observed = Forms.of(observed, place)
-        self._only_observed = Dependence(reader.nodes[acting:], first_of_node[acting], {}, place)
+        self._place_observed(reader.nodes[acting:], first_of_node[acting])
+
+    def _place_observed(self, nodes: Sequence[Node], first: int) -> None:
+        """Note what observed quantities depend on: functions that only they read are the last `nodes`."""
+        self._only_observed = Dependence(nodes, first, {}, self._place)
         read = [self._observed, *self._only_observed.arguments]
         places = [at for forms in read for at in forms.places.tolist()]
+        # the nodes that act and on which observed quantities depend
         self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
-        """The nodes that act and on which observed quantities depend."""
         self.observed_states = np.unique(np.concatenate([forms.columns for forms in read]))
-        beside = {*range(first_of_node[acting], self.first_drive), self.inputs - 1}
+        beside = {*range(first, self.first_drive), self.inputs - 1}
+        # whether an observed quantity reads loads or drives; functions of states are none
         self.observes_inputs = not beside.issuperset(places)
-        """Whether an observed quantity reads loads or drives; functions of states are none."""
         self.observes_heat = self._only_observed.has_heat
 
     def _number_inputs(self, book: Book, forces: Sequence[Signal]) -> None:

@@ -77,13 +77,7 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        if stepped:
-            values: list[tuple[Signal, Callable[[float], float]]] = [(s, s) for s in self._signals]
-            values += [(self._signals[i], self._signals[i].slope) for i in rates]
-            breaks = {b for s, value in values for b in _jumps(value, sorted(s.breaks(start, stop)))}
-        else:
-            breaks = {b for s in self._signals for b in s.breaks(start, stop)}
-        breaks = _apart(breaks)
+        breaks = _apart(self._breaks())
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
         straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
@@ -94,6 +88,15 @@ class Loads:
         self._known: dict[int, Segment] = {}
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
+
+    def _breaks(self) -> set[float]:
+        """Return where signals break; for fixed steps only where they jump, or the velocities of drives kink."""
+        start, stop = self._start, self._stop
+        if not self._stepped:
+            return {b for s in self._signals for b in s.breaks(start, stop)}
+        values: list[tuple[Signal, Callable[[float], float]]] = [(s, s) for s in self._signals]
+        values += [(self._signals[i], self._signals[i].slope) for i in self._rates]
+        return {b for s, value in values for b in _jumps(value, sorted(s.breaks(start, stop)))}
 
     def is_only_sample(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
