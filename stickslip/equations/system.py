@@ -231,8 +231,10 @@ class System:
         self.rise = np.where(self.dwell > 0, rise, 0.0)
         # contacts that hold more at rest than in motion, forward and backward
         self.holds_more = (self.mu_s > self.least) & self.hard
-        dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
-        self.dwelling = dwells.nonzero()[0]
+        dwells = self.rise.max(axis=0, initial=0.0) > 0
+        self.dwelling = (dwells & self.hard).nonzero()[0]
+        # rows whose forces depend on how long they have been at rest
+        self.aging = (dwells & ~self.free).nonzero()[0]
         self.inputs_and_dwells = self.inputs + self.dwelling.size
         self.dwell_place = np.full(self.m, -1)
         self.dwell_place[self.dwelling] = np.arange(self.dwelling.size)

@@ -23,6 +23,7 @@ from stickslip import (
     Gap,
     Gear,
     LuGre,
+    PreSlip,
     Scene,
     Signal,
     Spring,
@@ -652,3 +653,60 @@ def test_where_a_drive_is_does_not_deviate(anchor: str) -> None:
     assert hits and found.stable and found.multipliers.size == 2
     wanted = math.exp(-0.3 * 7.5 / 6.0) * 0.8 ** (2 * hits)
     assert np.prod(found.multipliers).real == pytest.approx(wanted, rel=1e-7)
+
+
+def beside_a_stronger_one() -> Scene:
+    """Two contacts hold one motion; the weaker one is at its level, which rises as it rests."""
+    return Scene(
+        Body("m", inertia=1.0, velocity=0.1),
+        Body("n", inertia=0.3),
+        Spring("m", GROUND, stiffness=2.0),
+        Spring("n", "m", stiffness=3.0, damping=0.1),
+        Drive("belt", velocity=0.1),
+        Contact("strong", "m", "belt", DryFriction(1.5, 1.0), normal=1.0),
+        Contact("rub", "m", "belt", DryFriction(1.0, 0.2, dwell=2.0), normal=0.2),
+    )
+
+
+def beside_a_closed_stop() -> Scene:
+    return Scene(
+        Body("m", inertia=1.0),
+        Body("n", inertia=1.0),
+        Spring("m", GROUND, stiffness=4.0),
+        Spring("n", "m", stiffness=3.0, damping=0.5),
+        Stop("wall", "m", GROUND, upper=0.1),
+        Contact("rub", "m", GROUND, DryFriction(1.2, 0.4, dwell=3.0), normal=1.0),
+        Force("m", sine(4.0, 1 / 4.0, 0.0, 2.0)),
+    )
+
+
+def creeping() -> Scene:
+    """Below its pre-slip velocity a contact creeps, at a level that rises meanwhile."""
+    return Scene(
+        Body("m", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=0.1),
+        Spring("m", GROUND, stiffness=2.0, damping=0.1),
+        Contact("rub", "m", "belt", PreSlip(DryFriction(1.5, 1.0, dwell=1.0), velocity=0.02), normal=1.0),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "options", "until"),
+    [
+        (beside_a_stronger_one(), {}, 400.0),
+        (beside_a_closed_stop(), {"period": 4.0, "transient": 40.0}, 400.0),
+        (creeping(), {"transient": 60.0}, 200.0),
+    ],
+)
+def test_a_level_that_rises_at_rest_closes_whatever_holds_the_contact(
+    scene: Scene, options: dict[str, Any], until: float
+) -> None:
+    """A long run comes to the same cycle; from the start of the cycle the second period is the first."""
+    cycle = limit_cycle(scene, **options)
+    run = simulate(scene, (0.0, until))
+    rests = [event.t for event in run.events if event.contact == "rub" and event.after == 0]
+    assert cycle.period == pytest.approx(rests[-1] - rests[-2], rel=1e-7)
+    again = simulate(cycle.scene, (0.0, 2 * cycle.period))
+    first, second = np.array([event.t for event in again.events]).reshape(2, -1)
+    np.testing.assert_allclose(second - first, cycle.period, rtol=1e-7)

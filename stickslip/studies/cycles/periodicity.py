@@ -141,15 +141,16 @@ def movable(system: System, read: Array, closed: Mask) -> Array:
 class Coordinates:
     """Coordinates of the states near the start of a motion: velocities, positions read, bristles and blocks, ages.
 
-    In the first motion held velocities follow from others.
+    In the first motion held velocities follow from others. Rows at rest in it, by the modes that they show, have ages;
+    some of them may be held by others, or by nothing.
     """
 
-    def __init__(self, system: System, motion: Motion) -> None:
+    def __init__(self, system: System, motion: Motion, shown: Modes) -> None:
         self.system = system
         n, size = system.n, system.size
         self.free = np.setdiff1d(np.arange(n), motion.equations.dependent)
         held = motion.equations.is_held
-        self.aged = system.dwelling[held[system.dwelling]]
+        self.aged = system.aging[shown[system.aging] == 0]
         read = read_positions(system)
         changes = movable(system, read, held & system.is_stop)
         # from what is read follows how far each of these is changed
@@ -241,7 +242,7 @@ def scene_at(result: Result, t: float) -> Scene:
     trajectory = result.trajectory
     system: System = trajectory.system
     piece = trajectory.pieces[int(trajectory.places(np.array([t]))[0])]
-    held = system.dwelling[piece.labels[system.dwelling] == 0]
+    held = system.aging[piece.labels[system.aging] == 0]
     return started(result.scene, system, result(t), held, t - piece.since[held], piece.modes)
 
 

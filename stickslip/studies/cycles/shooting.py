@@ -53,7 +53,7 @@ class Shot:
         trajectory = self.result.trajectory
         self.system: System = trajectory.system
         first = trajectory.pieces[0]
-        self.coordinates = Coordinates(self.system, trajectory.motion(0))
+        self.coordinates = Coordinates(self.system, trajectory.motion(0), first.labels)
         last = trajectory.pieces[-1]
         self.start, self.stop = first.y, last.kept_path.last
         aged = self.coordinates.aged
