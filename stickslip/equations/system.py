@@ -66,10 +66,13 @@ class System:
         States of sampled blocks: they change at samples only.
     pressed : array (m,) of bool
         Rows whose normal force depends on the state: guards tell where they open and close.
+    generic : bool
+        Whether what is equal in the scene as if by chance is kept apart: functions and loads that several elements read
+        are inputs of their own, and points on a line of a load are breaks. Scenes near by have the same ones.
     """
 
-    def __init__(self, scene: Scene, observed: Sequence[tuple[str, Load]] = ()) -> None:
-        self.scene, self.observed = scene, tuple(observed)
+    def __init__(self, scene: Scene, observed: Sequence[tuple[str, Load]] = (), generic: bool = False) -> None:
+        self.scene, self.observed, self.generic = scene, tuple(observed), generic
         book = Book(scene.elements, [load for _, load in observed])
         self.index, self.rows, self.row_index = book.index, book.rows, book.row_index
         self.couplings = book.couplings
@@ -127,7 +130,7 @@ class System:
 
     def _place_inputs(self, book: Book) -> None:
         """Resolve what forces, blocks and events of the user depend on, and give every input its place."""
-        reader = self.reader = Reader(book, self.position_state, self.blocks)
+        reader = self.reader = Reader(book, self.position_state, self.blocks, shares=not self.generic)
         forces = [_parts(load) for _, load, _ in book.forces]
         pressed = [_parts(row.normal) for row in book.rows]
         self.normals = [own for own, _ in pressed]
@@ -396,7 +399,14 @@ class System:
         ]
         samples = [t for _, block, _ in self.sampled for t in block.instants(start, stop)]
         drives = range(self.first_drive, self.first_acceleration)
-        return Loads([*clipped, *self.others], drives, start, stop, stepped, samples)
+        return Loads([*clipped, *self.others], drives, start, stop, stepped, samples, self.generic)
+
+    @property
+    def has_coincidences(self) -> bool:
+        """Whether something is equal in the scene that a `generic` system keeps apart."""
+        ends = -np.inf, np.inf
+        loads = (*self.normals, *self.others)
+        return self.reader.is_shared or any(load.points(*ends) != load.breaks(*ends) for load in loads)
 
     def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
         """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.

@@ -108,6 +108,10 @@ class Signal(Load):
         """Return the times in ``start < t < stop`` at which the value or the slope jumps."""
         return ()
 
+    def points(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the same and those at which they would jump if a number of the signal were another one."""
+        return self.breaks(start, stop)
+
     @property
     def period(self) -> float | None:
         """Shortest time in which the signal oscillates: None where it is piecewise linear, inf if unknown."""
@@ -274,6 +278,11 @@ class PiecewiseLinear(Signal):
             i = after
         return tuple(found)
 
+    def points(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the times of all points."""
+        some = slice(bisect_right(self.times, start), bisect_left(self.times, stop))
+        return tuple(dict.fromkeys(self.times[some]))
+
     def clipped(self, start: float, stop: float) -> Signal:
         """Return the signal with its negative parts cut off where their lines cross 0."""
         if min(self.values) >= 0:
@@ -421,6 +430,10 @@ class Sum(Signal):
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the breaks of all terms."""
         return tuple(sorted({b for term in self.terms for b in term.breaks(start, stop)}))
+
+    def points(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the points of all terms."""
+        return tuple(sorted({b for term in self.terms for b in term.points(start, stop)}))
 
     @property
     def period(self) -> float | None:

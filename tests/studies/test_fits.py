@@ -22,6 +22,7 @@ from stickslip import (
     Scene,
     Spring,
     fit,
+    piecewise_linear,
     simulate,
 )
 
@@ -399,3 +400,16 @@ def test_it_says_which_values_end_at_their_bounds() -> None:
     assert found.at_bounds == ("c.law.mu_coulomb",)
     assert found.values[0] == pytest.approx(1.1, rel=1e-5)
     assert [line.endswith("(at its bound)") for line in str(found).splitlines()[:2]] == [True, False]
+
+
+def test_a_flat_first_guess_of_a_load_tells_where_to_go() -> None:
+    """Its points lie on one line, and a change of one of them makes three breaks of it."""
+
+    def pushed(middle: float) -> Scene:
+        load = piecewise_linear([0.5, 1.0, 2.0], [1.0, middle, 1.0])
+        return Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", load))
+
+    t = np.linspace(0.05, 3.0, 60)
+    data = {"m.velocity": (t, simulate(pushed(3.0), (0.0, 3.0), t_eval=t).velocity("m"))}
+    found = fit(pushed(1.0), ["forces[0].signal.values[1]"], data)
+    assert found.values[0] == pytest.approx(3.0, rel=1e-9)

@@ -1298,3 +1298,55 @@ def test_fixed_steps_have_no_derivatives() -> None:
     scene = Scene(Body("m", inertia=1.0, velocity=1.0))
     with pytest.raises(ValueError, match="its motion has no derivatives; use 'auto' or"):
         sensitivities(scene, (0.0, 1.0), ["m.inertia"], method="RK4")
+
+
+def test_points_of_a_load_on_one_line_are_breaks() -> None:
+    """By the value in the middle the velocity of a mass 1 changes by the area of a hat, 0 before it begins."""
+    load = piecewise_linear([0.5, 1.0, 2.0], [1.0, 1.0, 1.0])
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", load))
+    found = sensitivities(scene, (0.0, 3.0), ["forces[0].signal.values[1]"])
+    expected = [0.0, 0.0625, 0.625, 0.75]
+    np.testing.assert_allclose(found.velocity("m", [0.25, 0.75, 1.5, 3.0])[:, 0], expected, rtol=1e-9, atol=1e-12)
+    assert not found.reasons
+
+
+@pytest.mark.parametrize(
+    ("other", "exists"), [(piecewise_linear([0.5, 1.5], [2.0, 0.0]), True), (step(0.5, 2.0), False)]
+)
+def test_by_the_time_at_which_another_load_breaks_too(other: Any, exists: bool) -> None:
+    """A ramp from 1 at t_0 to 1.1 at 1 s adds 0.05 (1 - t_0). Where the other load jumps no derivative is told."""
+    load = piecewise_linear([0.5, 1.0], [1.0, 1.1])
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", load), Force("m", other))
+    found = sensitivities(scene, (0.0, 3.0), ["forces[0].signal.times[0]"])
+    before, after = found.velocity("m", [0.25, 3.0])[:, 0]
+    assert before == 0.0
+    if exists:
+        assert after == pytest.approx(-0.05, rel=1e-9) and not found.reasons
+    else:
+        assert math.isnan(after) and "break together" in found.reasons[0]
+
+
+def test_a_quantity_that_two_elements_read_may_change_in_one_of_them() -> None:
+    """An actuator between two bodies: its limit as one of them feels it, beside differences of exact runs."""
+
+    def between(limit: float) -> Scene:
+        def act(high: float) -> Any:
+            return saturate(1.0 - 2.0 * position("a") - 0.4 * velocity("a") + sine(0.1, 0.5), -0.5, high)
+
+        return Scene(
+            Body("a", inertia=1.0, velocity=1.0),
+            Body("b", inertia=2.0),
+            Contact("c", "a", "b", DryFriction(0.5, 0.4), normal=1.0),
+            Spring("b", GROUND, stiffness=2.0),
+            Force("a", act(limit)),
+            Force("b", -1.0 * act(0.6)),
+        )
+
+    name, h = "forces[0].signal.terms[0][0].ys[1]", 1e-5
+    found = sensitivities(between(0.6), (0.0, 3.0), [name])
+    (limit,) = named_parameters(between(0.6), [name], "test")
+    near = (limit.set(between(0.6), 0.6 + d) for d in (-h, h))
+    low, high = (simulate(scene, (0.0, 3.0)).velocity("a")[-1] for scene in near)
+    assert found.velocity("a")[0] == pytest.approx((high - low) / (2 * h), rel=1e-5)
+    apart = sensitivities(between(0.6 + 1e-9), (0.0, 3.0), [name])
+    assert found.velocity("a")[0] == pytest.approx(apart.velocity("a")[0], rel=1e-7)

@@ -53,6 +53,8 @@ class Loads:
         Shortest period in s of the signals that oscillate, a tenth of the span where a function tells none.
     breaks : list of float
         Times at which any signal breaks, each once, in order.
+    breaks_of : list of tuple of float
+        Those of each signal; of a `generic` system all points of piecewise linear ones.
     has_functions : bool
         Whether any signal is a function without a known Taylor series.
     table_regions : tuple of int or None
@@ -69,6 +71,7 @@ class Loads:
         stop: float,
         stepped: bool = False,
         samples: Sequence[float] = (),
+        generic: bool = False,
     ) -> None:
         self._signals = [signal.within(start, stop) for signal in signals]
         self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
@@ -77,7 +80,8 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        breaks = _apart(self._breaks())
+        self.breaks_of = [(s.points if generic else s.breaks)(start, stop) for s in self._signals]
+        breaks = _apart(self._jumps() if stepped else {b for own in self.breaks_of for b in own})
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
         straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
@@ -89,14 +93,11 @@ class Loads:
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
 
-    def _breaks(self) -> set[float]:
-        """Return where signals break; for fixed steps only where they jump, or the velocities of drives kink."""
-        start, stop = self._start, self._stop
-        if not self._stepped:
-            return {b for s in self._signals for b in s.breaks(start, stop)}
-        values: list[tuple[Signal, Callable[[float], float]]] = [(s, s) for s in self._signals]
-        values += [(self._signals[i], self._signals[i].slope) for i in self._rates]
-        return {b for s, value in values for b in _jumps(value, sorted(s.breaks(start, stop)))}
+    def _jumps(self) -> set[float]:
+        """Return where signals jump, or the velocities of drives kink."""
+        values: list[tuple[int, Callable[[float], float]]] = [*enumerate(self._signals)]
+        values += [(i, self._signals[i].slope) for i in self._rates]
+        return {b for i, value in values for b in _jumps(value, sorted(self.breaks_of[i]))}
 
     def is_only_sample(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""

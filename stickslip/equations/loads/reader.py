@@ -106,10 +106,13 @@ class Reader:
 
     `position_state` tells where the positions of bodies and drives stand in the state, `places` where blocks do.
     `signals` are the loads that are inputs of their own, and `nodes` the functions, each after those that it depends
-    on.
+    on. If it `shares`, what is read at several places is there once, and `is_shared` tells whether something is.
     """
 
-    def __init__(self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace]) -> None:
+    def __init__(
+        self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace], shares: bool = True
+    ) -> None:
+        self._shares, self.is_shared = shares, False
         self._book, self._position_state, self._places = book, position_state, places
         self._functions: dict[str, int] = {}
         self._row_of = book.row_index
@@ -129,8 +132,11 @@ class Reader:
             return found
         assert isinstance(load, Quantity)
         known = self._known.get(load)
-        if known is None:
+        is_own = isinstance(load, (of.Feedback, of.Table))
+        if known is None or (is_own and not self._shares):
             known = self._known[load] = self._resolved(load, label)
+        elif is_own:
+            self.is_shared = True
         return known
 
     def _resolved(self, atom: Quantity, label: str) -> Form:
@@ -258,9 +264,11 @@ class Reader:
     def _of_signal(self, signal: Signal, label: str) -> Form:
         if isinstance(signal, Constant):
             return Form(inputs={("one", 0, 0): signal.value}) if signal.value else Form()
-        if signal not in self.signals:
-            self.signals.append(signal.read_by(label))
-        return Form(inputs={("signal", self.signals.index(signal), 0): 1.0})
+        if self._shares and signal in self.signals:
+            self.is_shared = True
+            return Form(inputs={("signal", self.signals.index(signal), 0): 1.0})
+        self.signals.append(signal.read_by(label))
+        return Form(inputs={("signal", len(self.signals) - 1, 0): 1.0})
 
     def _normal(self, atom: Quantity, row: str) -> Form:
         j = self._row_of[row]

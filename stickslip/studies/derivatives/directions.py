@@ -66,7 +66,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         h, near = part * size, []
         try:
             for offset, weight in stencil:
-                system = System(parameter.set(scene, parameter.value + offset * h))
+                system = System(parameter.set(scene, parameter.value + offset * h), generic=nominal.generic)
                 differs |= not _alike(nominal, system)
                 near.append((weight / h, system, system.loads(*trajectory.span)))
         except (ValueError, TypeError) as error:

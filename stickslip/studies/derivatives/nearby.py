@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,11 @@ def total(parts: Sequence[Any]) -> Any:
     return sum(parts[1:], parts[0]) if parts else 0.0
 
 
+def _counts(loads: Loads) -> list[int]:
+    """Return how often each load breaks."""
+    return [len(breaks) for breaks in loads.breaks_of]
+
+
 class Nearby:
     """The motions near a simulated one, in some directions."""
 
@@ -45,10 +51,11 @@ class Nearby:
         if self.system.sampled:
             raise ValueError("sensitivities: sampled blocks have no derivatives here; blocks in continuous time have")
         self.directions = list(directions)
-        breaks = len(self.trajectory.loads.breaks)
+        self.breaks = sorted(chain(*self.trajectory.loads.breaks_of))
         # directions in which the scenes near by have other breaks
+        counts = _counts(self.trajectory.loads)
         self.lost_breaks = [
-            k for k, one in enumerate(directions) if any(len(loads.breaks) != breaks for _, _, loads in one.near)
+            k for k, one in enumerate(directions) if any(_counts(loads) != counts for _, _, loads in one.near)
         ]
         self.near_ones = [() if k in self.lost_breaks else one.near for k, one in enumerate(directions)]
         self.count = len(self.directions)
@@ -71,9 +78,10 @@ class Nearby:
 
     def segment_after(self, t: float, loads: Loads) -> Segment:
         """Return the segment of loads near by that has the number of the nominal one after `t`."""
-        number = bisect_right(self.trajectory.loads.breaks, t)
+        number = bisect_right(self.breaks, t)
         span = self.trajectory.span
-        ends = [span.start, *loads.breaks, span.stop]
+        # what breaks together here may break one after the other there
+        ends = [span.start, *sorted(chain(*loads.breaks_of)), span.stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
     def motion_of(self, number: int) -> Motion:

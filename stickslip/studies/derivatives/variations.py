@@ -21,13 +21,14 @@ from stickslip.engines import METHODS
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.one_thread import one_thread
+from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, at_stops, at_stops_at_start
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece, by_piece
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
-from stickslip.simulation.simulate import simulate
+from stickslip.simulation.simulate import compiled, simulate
 from stickslip.studies.derivatives import kinks
 from stickslip.studies.derivatives.directions import Direction
 from stickslip.studies.derivatives.nearby import REST, Nearby, OfMotion, total
@@ -42,6 +43,7 @@ _TOGETHER = 1e-10
 _STEEP = "friction falls so steeply from rest (a Stribeck exponent below 1/2) that no derivative is known"
 
 _SMALL = 1e-3  # part of its size by which a parameter may change without making two such events one
+_CONTINUOUS = 1e-12  # part of a load by which it differs before and after a break where it does not jump
 _JUMP = 1e-7  # part of the speeds by which velocities may differ from those after the jump that is expected
 
 
@@ -65,7 +67,16 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
             f"method {method!r} changes modes at the ends of its steps, and its motion has no derivatives; "
             f"use 'auto' or {' or '.join(map(repr, others))}"
         )
-    return simulate(scene, span, max_step=span[1] - span[0], **options)
+    return simulate(_generic(scene), span, max_step=span[1] - span[0], **options)
+
+
+def _generic(scene: Scene) -> Scene:
+    """Return the scene with a system that those near by have too, where its own has what is equal only once."""
+    if not isinstance(scene, Scene) or not compiled(scene).has_coincidences:
+        return scene
+    own = Scene(*scene.elements, motion=scene.motion)
+    own.derived["system"] = System(own, generic=True)
+    return own
 
 
 class Variation(Nearby):
@@ -163,7 +174,10 @@ class Variation(Nearby):
         impact = VariedImpact(system, bool(hit.any()), y[:n], u, u, none, sides, hit, closed=nothing)
         for k in range(self.count):
             if k in self.lost_breaks:
-                why = "the breaks of the loads fall together or a load begins to be cut off at 0"
+                why = (
+                    "a break of a load comes to the start or the end, two of its points fall together, or it begins to "
+                    "be cut off at 0"
+                )
                 self._refuse(t, [(k, why)], S)
                 continue
             slope, _ = impact.along(S[:n, k], 0.0)
@@ -187,17 +201,38 @@ class Variation(Nearby):
             parts.append(weight * near.balance(held).project(impact.near(near, u, now), now))
         return total(parts)
 
+    def _breaks_at(self, t: float) -> Array:
+        """Return how the times change of all breaks of loads that are at time `t`, (breaks, directions)."""
+        span = self.trajectory.span.stop - self.trajectory.span.start
+        here = [
+            (i, k)
+            for i, own in enumerate(self.trajectory.loads.breaks_of)
+            for k, b in enumerate(own)
+            if abs(b - t) <= _TOGETHER * span
+        ]
+        found = [[sum(w * loads.breaks_of[i][k] for w, _, loads in near) for near in self.near_ones] for i, k in here]
+        times: Array = np.array(found, dtype=float).reshape(len(here), self.count)
+        times[:, self.lost_breaks] = np.nan
+        return times
+
+    def _changes_at(self, number: int, motion: Motion) -> bool:
+        """Tell whether modes change where a motion ends, or a load or the acceleration of a drive jumps."""
+        piece, following = self.trajectory.pieces[number : number + 2]
+        before, after = motion.loads(float(motion.horizon)), self.motion_of(number + 1).loads(0.0)
+        jumps = np.abs(after - before) > _CONTINUOUS * np.maximum(np.abs(after), np.abs(before))
+        return bool(jumps.any() or (following.modes != piece.modes).any())
+
     def _end(self, number: int, motion: Motion, S: Array, since: Array) -> Array:
         """Return how the time changes at which a motion ends."""
         piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
-        path, breaks = piece.kept_path, self.trajectory.loads.breaks
-        span = self.trajectory.span.stop - self.trajectory.span.start
-        near_break = [i for i, b in enumerate(breaks) if abs(b - piece.stop) <= _TOGETHER * span]
-        if near_break:
-            i = near_break[0]
-            moved = [sum(weight * loads.breaks[i] for weight, _, loads in near) for near in self.near_ones]
-            times = np.array(moved, dtype=float)
-            times[self.lost_breaks] = np.nan
+        path = piece.kept_path
+        moved = self._breaks_at(piece.stop)
+        if moved.size:
+            times: Array = moved[0]
+            apart = (np.abs(moved - times) > TIE * np.abs(moved).max(axis=0)).any(axis=0)
+            if apart.any() and self._changes_at(number, motion):
+                why = "loads break together, and near by one after the other, where one of them jumps or modes change"
+                self._refuse(piece.stop, [(k, why) for k in apart.nonzero()[0].tolist()], times)
             self._refuse(piece.stop, kinks.at_break(self, piece, motion, S, since, times), times)
             self._refuse(piece.stop, kinks.beyond_break(self, number, motion, S, since, times), times)
             return times
