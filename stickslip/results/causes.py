@@ -104,6 +104,7 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
     return _friction(event, limits)
 
 
+_ROUGH = 1e-12  # part of the velocity of an impact below which that after it is roundoff
 _AT_LIMITS = ("touches", "leaves", "impact", "leaves with another event")
 
 
@@ -111,7 +112,12 @@ def _at_limit(event: Event, at: _Limits) -> str:
     """Return what a gap or a stop did at a limit."""
     if event.cause == "impact":
         limit = "upper" if at.w[0] > 0 else "lower"
-        ends = "closed" if event.after != Mode.OPEN else f"rebounded with {at.w[1]:.6g}"
+        if event.after != Mode.OPEN:
+            ends = "closed"
+        elif abs(at.w[1]) <= _ROUGH * abs(at.w[0]):
+            ends = "and did not rebound"
+        else:
+            ends = f"rebounded with {at.w[1]:.6g}"
         return f"struck its {limit} limit at relative velocity {at.w[0]:.6g}, {ends}"
     if event.after == Mode.OPEN:
         limit = "upper" if event.before == Mode.FORWARD else "lower"

@@ -21,6 +21,7 @@ from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.arguments import span as checked_span
 from stickslip.simulation.result import Result, SimulationError
+from stickslip.simulation.simulate import compiled
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
@@ -183,8 +184,8 @@ def tradeoff(
         Start and end in s.
     error : "velocity" or callable
         "velocity": the largest deviation of any body's velocity from the reference, over 1001 times spread
-        evenly and, without stops, beside all events. A callable takes a result and the reference result and
-        returns a number >= 0.
+        evenly and, without stops and Karnopp's law, beside all events. A callable takes a result and the
+        reference result and returns a number >= 0.
     budget : float
         Wall time in s for the whole study, shared equally by the families of calls. Calls that alone take
         more than what is left to their family are left out, and so are costlier ones of the same family.
@@ -257,8 +258,8 @@ class _VelocityError:
 
     def __init__(self, scene: Scene, span: tuple[float, float]) -> None:
         self._bodies, self._times = len(scene.bodies), np.linspace(*span, _TIMES)
-        # an impact that is early by roundoff is no error of a velocity
-        self._is_smooth = not scene.stops
+        # a velocity that jumps early by roundoff has no error: at impacts, and where Karnopp's dead band begins
+        self._is_smooth = not (scene.stops or compiled(scene).has_dead_bands)
         self._known: tuple[Result, Array] | None = None
 
     def __call__(self, result: Result, reference: Result) -> float:

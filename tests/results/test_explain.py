@@ -295,3 +295,11 @@ def test_open_contacts_tell_where_their_velocity_points() -> None:
     text = explain(simulate(scene, (0.0, 3.0)))
     assert "1 s  rests STUCK -> FORWARD: carries no force; its relative velocity now points forward" in text
     assert "2 s  thrown FORWARD -> BACKWARD: carries no force; its relative velocity now points backward" in text
+
+
+def test_an_impact_without_restitution_does_not_rebound() -> None:
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0), Stop("wall", "m", GROUND, upper=0.5), Spring("m", GROUND, stiffness=1.0)
+    )
+    said = simulate(scene, (0.0, 3.0)).explain()
+    assert "struck its upper limit at relative velocity 0.866025, and did not rebound" in said

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from clocks import count_work
 
-from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Karnopp, Scene, SimulationError, Spring, simulate, sine
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws import PreSlip
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
@@ -362,3 +362,17 @@ def test_calls_whose_error_is_negative_have_failed():
     )
     failed = [row for row in found.work.rows if row.failure is not None]
     assert failed and all("take the absolute value of a difference" in row.failure for row in failed)
+
+
+@pytest.mark.slow
+def test_a_dead_band_that_begins_early_by_roundoff_is_no_error():
+    """There Karnopp's law takes the velocity to 0 at once, by 1e-3 m/s."""
+    law = Karnopp(DryFriction(0.3, 0.2), velocity=1e-3)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("c", "m", GROUND, law, normal=10.0),
+        Spring("m", GROUND, stiffness=20.0),
+        Force("m", sine(3.0, 0.4)),
+    )
+    assert any(event.after == 0 for event in simulate(scene, (0.0, 4.0)).events)
+    assert tradeoff(scene, (0.0, 4.0), budget=1.0).limit < 1e-9
