@@ -57,7 +57,9 @@ class Samples(PickledByFields):
     @classmethod
     def at_local(cls, trajectory: Trajectory, piece_of: Indices, taus: Array) -> Samples:
         """Return a trajectory at local times in s of its pieces."""
-        t = np.minimum(trajectory.starts[piece_of] + taus, trajectory.stops[piece_of])
+        stops = trajectory.stops[piece_of]
+        # what is added up to an end has been rounded
+        t = np.where(taus >= trajectory.ends[piece_of], stops, np.minimum(trajectory.starts[piece_of] + taus, stops))
         return cls(trajectory, t, piece_of, taus)
 
     @classmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
+from stickslip.results.samples import Samples
 
 
 def belt() -> Scene:
@@ -376,3 +378,12 @@ def test_a_time_just_beyond_the_end_is_shown_with_all_its_digits():
     result = simulate(Scene(Body("m", inertia=1.0, velocity=1.0)), (0.0, 0.3))
     with pytest.raises(ValueError, match=r"must lie in \[0, 0.3\] s, got 0 to 0.30000000000000004"):
         result.sample([0.0, 3 * 0.1])
+
+
+def test_a_piece_ends_where_the_next_one_begins_whatever_its_steps_add_up_to() -> None:
+    result = simulate(Scene(Body("m", inertia=1.0, velocity=1.0)), (0.0, 1.0))
+    piece = replace(result.trajectory.pieces[0], stop=float(np.nextafter(1.0, 2.0)))
+    samples = Samples.at_local(
+        replace(result.trajectory, pieces=(piece,)), np.array([0, 0]), np.array([0.5, piece.end])
+    )
+    assert samples.t.tolist() == [0.5, piece.stop]
