@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.guards.values import AT_BAND
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Modes
+from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
@@ -45,33 +46,63 @@ def final_scene(trajectory: Trajectory) -> Scene:
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
+    sampled: dict[str, dict[str, Any]] = {}
+    for block in system.scene.sampled:
+        sampled[block.name] = {"first": trajectory.span.start if block.first is None else block.first}
+        if before is not None:
+            held, states = before.outputs_of(block.name)[:, 0].tolist(), before.states_of(block.name)[:, 0].tolist()
+            sampled[block.name] |= {"states": states, "held": held, "outputs": len(held)}
+    return in_state(
+        system.scene,
+        system,
+        y,
+        velocities=velocities,
+        positions={name: _position(at, y, name) for name in [*velocities, *(d.name for d in system.scene.drives)]},
+        rested=np.where(shown == 0, stop - since, 0.0),
+        slipping=(np.abs(inner) == 1) & (~system.hard | moves_on),
+        sampled=sampled,
+    )
+
+
+def in_state(
+    scene: Scene,
+    system: System,
+    y: Array,
+    *,
+    velocities: Mapping[str, float],
+    positions: Mapping[str, float],
+    rested: Array,
+    slipping: Mask,
+    sampled: Mapping[str, Mapping[str, Any]],
+) -> Scene:
+    """Return a scene that starts in a state: bristles and blocks from `y`, all else by name or row.
+
+    `rested` (m,) is for how long rows have been at rest in s, and `slipping` (m,) which remember that they slip.
+    """
     elements: list[Any] = []
-    for element in system.scene.elements:
+    for element in scene.elements:
         changes: dict[str, Any] = {}
         match element:
-            case Body(name=name):
-                changes = {"velocity": velocities[name], "position": _position(at, y, name)}
-            case Drive(name=name):
-                changes = {"position": _position(at, y, name)}
+            case Body(name=name) | Drive(name=name):
+                changes = {"velocity": velocities[name]} if name in velocities else {}
+                if name in positions:
+                    changes["position"] = positions[name]
             case Contact(name=name):
-                j = at.row(name)
+                j = system.row_index[name]
                 bristle = system.bristle_state.get(j)
                 changes = {
-                    "rested": stop - float(since[j]) if shown[j] == 0 else 0.0,
-                    "deflection": 0.0 if bristle is None else float(at.y[bristle, 0]),
-                    "slipping": bool(abs(inner[j]) == 1 and (not system.hard[j] or moves_on[j])),
+                    "rested": float(rested[j]),
+                    "deflection": 0.0 if bristle is None else float(y[bristle]),
+                    "slipping": bool(slipping[j]),
                 }
             case Block(name=name) | StateSpace(name=name):
-                changes = {"states": at.states_of(name)[:, 0].tolist()}
+                place = system.blocks[name]
+                changes = {"states": y[place.first : place.end].tolist()}
             case Sampled(name=name):
-                changes = {"first": trajectory.span.start if element.first is None else element.first}
-                if before is not None:
-                    held = before.outputs_of(name)[:, 0].tolist()
-                    states = before.states_of(name)[:, 0].tolist()
-                    changes |= {"states": states, "held": held, "outputs": len(held)}
+                changes = dict(sampled.get(name, {}))
         one: Any = element
         elements.append(replace(one, **changes) if changes else one)
-    return Scene(*elements, motion=system.scene.motion)
+    return Scene(*elements, motion=scene.motion)
 
 
 def _position(at: Samples, y: Array, name: str) -> float:

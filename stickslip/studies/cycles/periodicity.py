@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -14,9 +12,9 @@ from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
-from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
+from stickslip.model.elements import Block
 from stickslip.model.scene import Scene
-from stickslip.results.continuation import on_stops
+from stickslip.results.continuation import in_state, on_stops
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import Direction
 
@@ -211,30 +209,19 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, 
     slip velocity remember that they slip.
     """
     y = on_stops(system, y, modes, np.zeros(system.n + system.drives))
-    rested = dict(zip([system.rows[j].name for j in aged], ages.tolist(), strict=True))
-    rows = {row.name: j for j, row in enumerate(system.rows)}
-    ends: dict[str, int] = {body.name: k for k, body in enumerate((*scene.bodies, *scene.drives))}
-    elements: list[Any] = []
-    for element in scene.elements:
-        changes: dict[str, Any] = {}
-        if isinstance(element, (Body, Drive)):
-            k = ends[element.name]
-            if k < system.n:
-                changes["velocity"] = float(y[k])
-            if k in system.position_state:
-                changes["position"] = float(y[system.position_state[k]])
-        elif isinstance(element, Contact):
-            j = rows[element.name]
-            changes["rested"] = rested.get(element.name, 0.0)
-            if j in system.bristle_state:
-                changes["deflection"] = float(y[system.bristle_state[j]])
-            changes["slipping"] = bool(abs(modes[j]) == 1 and not system.hard[j])
-        elif isinstance(element, (Block, StateSpace)):
-            place = system.blocks[element.name]
-            changes["states"] = y[place.first : place.end].tolist()
-        one: Any = element
-        elements.append(replace(one, **changes) if changes else one)
-    return Scene(*elements, motion=scene.motion)
+    rested = np.zeros(system.m)
+    rested[aged] = ages
+    moving = [one.name for one in (*scene.bodies, *scene.drives)]
+    return in_state(
+        scene,
+        system,
+        y,
+        velocities=dict(zip(moving, y[: system.n].tolist(), strict=False)),
+        positions={moving[i]: float(y[state]) for i, state in system.position_state.items()},
+        rested=rested,
+        slipping=(np.abs(modes) == 1) & ~system.hard,
+        sampled={},
+    )
 
 
 def scene_at(result: Result, t: float) -> Scene:
