@@ -287,8 +287,8 @@ def _watched(result: Outcome) -> list[str]:
         )
     lines.append(f"Sets of modes met: {len(seen)}")
     for modes, times in list(seen.values())[:_MODE_SETS]:
-        stretches = f"{sum(times):.4g} s in {_count(len(times), 'stretch')}"
-        lines.append(f"  {stretches}: {_modes(trajectory.system, modes)}")
+        together = f"{sum(times):.4g} s in {_count(len(times), 'piece')}"
+        lines.append(f"  {together}: {_modes(trajectory.system, modes)}")
     return lines + _left_out(len(seen), _MODE_SETS)
 
 

@@ -80,7 +80,7 @@ def test_contacts_that_vanish_are_named_with_the_reason():
     assert line_of(text, "left out, frictionless") == "  left out, frictionless: ice"
     assert line_of(text, "left out, never loaded") == "  left out, never loaded: air"
     watched = explain(simulate(scene, (0.0, 1.0)))
-    assert "1 s in 1 stretch: 1 guard; forward floor" in watched
+    assert "1 s in 1 piece: 1 guard; forward floor" in watched
 
 
 def test_laws_without_sticking_say_what_they_watch():
