@@ -47,6 +47,9 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
 
     `side` is the direction in which the first row lets go, 0 where it has come to rest.
     """
+    if tree.bodies.size == 1 and tree.rows.size == 1:
+        # most events of a fault are of this kind: by the road of all trees each would take a tenth longer
+        return _settle_one(forest, tree, side)
     rows = tree.rows
     mode = np.zeros(rows.size, dtype=np.int8)
     at = forest.first[tree.bodies]
@@ -84,6 +87,27 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
         if (apart <= _MOVES * level / tree.inertia.sum()).any():
             return None
     return TreeModes(mode, label)
+
+
+def _settle_one(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
+    """Settle one body on the ground or on a drive."""
+    sign = float(forest.sign[tree.rows[0]])
+    lead, inertia = tree.lead or 0.0, float(tree.inertia[0])
+    share = sign * (float(tree.force[0]) - inertia * lead)
+    level = float(tree.upper[0] if share > 0 else tree.lower[0])
+    if level <= 0:
+        return None
+    if not side:
+        ratio = abs(share) / level
+        if ratio < 1 - _CLEAR:
+            return TreeModes(np.zeros(1, dtype=np.int8), np.zeros(1, dtype=np.intp))
+        if ratio <= 1 + _CLEAR:
+            return None
+        side = 1 if share > 0 else -1
+    friction = float(tree.forward[0] if side > 0 else tree.backward[0])
+    if side * (share - side * friction) <= _MOVES * level:
+        return None
+    return TreeModes(np.full(1, side, dtype=np.int8), np.zeros(1, dtype=np.intp))
 
 
 def _release(

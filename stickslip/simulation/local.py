@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stickslip.engines.part_by_part.due import Due
 from stickslip.engines.part_by_part.groups import UNLED
 from stickslip.engines.part_by_part.knots import Knots
-from stickslip.engines.part_by_part.parts import Parts, Patch
+from stickslip.engines.part_by_part.parts import Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
@@ -356,7 +356,7 @@ class Local:
         parts.mode[which] = parts.label[which] = mode[changed]
         parts.since[which] = t
         ends = np.concatenate([forest.child[which], forest.parent[which]])
-        parts.rub(np.unique(ends[ends >= 0]))
+        parts.rub(distinct(ends[ends >= 0]))
         self._tick(t, True)
         self._expand(patch, v, t, which[mode[changed] != 0])
         were, are = old[changed].tolist(), mode[changed].tolist()
