@@ -38,15 +38,11 @@ def _halves(order: int) -> tuple[Array, Array]:
 def may_vanish(coefficients: Array) -> tuple[Indices, Array]:
     """Return the columns of power coefficients (rows by order) that may have a root in (0, 1].
 
-    Their Bernstein coefficients come second, a column each: a polynomial is not below its smallest one, nor below its
-    first coefficient less the sizes of the others.
+    Their Bernstein coefficients come second, a column each: a polynomial is not below its smallest one.
     """
-    to_bernstein = _to_bernstein(coefficients.shape[0] - 1)
-    reach = np.abs(coefficients[1:]).sum(axis=0)
-    close = (coefficients[0] <= reach).nonzero()[0]
-    bernstein = to_bernstein @ coefficients[:, close]
-    some = bernstein.min(axis=0) <= 0
-    return close[some], bernstein[:, some]
+    bernstein = _to_bernstein(coefficients.shape[0] - 1) @ coefficients
+    close: Indices = (bernstein.min(axis=0) <= 0).nonzero()[0]
+    return close, bernstein[:, close]
 
 
 def first_root(
