@@ -710,3 +710,21 @@ def test_a_level_that_rises_at_rest_closes_whatever_holds_the_contact(
     again = simulate(cycle.scene, (0.0, 2 * cycle.period))
     first, second = np.array([event.t for event in again.events]).reshape(2, -1)
     np.testing.assert_allclose(second - first, cycle.period, rtol=1e-7)
+
+
+def test_a_body_at_rest_where_the_cycle_begins_has_its_own_multipliers() -> None:
+    """It swings by itself: ``exp((-c/2m +- i sqrt(k/m - (c/2m)^2)) T)``; all else is held at the start."""
+    m, k, c = 1.293, 1.855, 0.288
+    scene = Scene(
+        Body("a", inertia=1.3, velocity=0.1),
+        Drive("belt", velocity=0.1),
+        Spring("a", GROUND, stiffness=1.05, damping=0.03),
+        Contact("rub", "a", "belt", DryFriction(1.5, 1.0, dwell=1.6), normal=1.0),
+        Body("b", inertia=m, velocity=0.1),
+        Spring("b", GROUND, stiffness=k, damping=c),
+    )
+    cycle = limit_cycle(scene)
+    decay = 0.5 * c / m
+    own = np.exp((-decay + 1j * math.sqrt(k / m - decay**2)) * cycle.period)
+    np.testing.assert_allclose(cycle.multipliers[:2].real, own.real, rtol=1e-6)
+    np.testing.assert_allclose(np.sort(cycle.multipliers[:2].imag), np.sort([own.imag, -own.imag]), rtol=1e-6)

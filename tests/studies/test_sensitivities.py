@@ -1350,3 +1350,75 @@ def test_a_quantity_that_two_elements_read_may_change_in_one_of_them() -> None:
     assert found.velocity("a")[0] == pytest.approx((high - low) / (2 * h), rel=1e-5)
     apart = sensitivities(between(0.6 + 1e-9), (0.0, 3.0), [name])
     assert found.velocity("a")[0] == pytest.approx(apart.velocity("a")[0], rel=1e-7)
+
+
+def side_by_side(first: float, second: float) -> Scene:
+    return Scene(
+        Body("a", inertia=1.0),
+        Contact("c1", "a", GROUND, DryFriction(1.0, 0.5), normal=first),
+        Contact("c2", "a", GROUND, DryFriction(1.0, 0.5), normal=second, radius_a=2.0),
+        Force("a", piecewise_linear([0.0, 4.0], [0.0, 8.0])),
+    )
+
+
+@pytest.mark.parametrize(("name", "expected"), [("c1.normal", -0.85), ("c1.law.mu_static", -0.5), ("c2.normal", -1.7)])
+def test_equal_contacts_that_hold_one_motion_let_go_together(name: str, expected: float) -> None:
+    """The levels N1 + 2 N2 are met by 2 t at t_0; then v' = 2 t - (N1 + 2 N2) / 2 up to the end at T.
+
+    So dv/dt_0 = -T and t_0 = (mu_1 N1 + 2 mu_2 N2) / 2; besides, N1 brakes by 1/2 for T - t_0.
+    """
+    scene, stop = side_by_side(1.0, 0.5), 1.7
+    found = sensitivities(scene, (0.0, stop), [name])
+    assert len(found.result.events) == 2 and found.result.events[0].t == pytest.approx(1.0, rel=1e-12)
+    assert found.velocity("a")[0] == pytest.approx(expected, rel=1e-9)
+    assert not found.reasons
+
+
+PULLED = Contact("c", "a", GROUND, DryFriction(1.0, 0.5), normal=1.0)
+TWO = Body("a", inertia=1.0, velocity=1.0), Body("b", inertia=1.0, velocity=1.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "name", "why"),
+    [
+        # near by the levers of two rows that hold one motion contradict each other, and one of them slips
+        (
+            Scene(*TWO, *(Contact(n, "a", "b", DryFriction(0.5, 0.5), normal=1.0) for n in "ce"), Force("a", 0.3)),
+            "c.radius_b",
+            "contradict",
+        ),
+        (
+            Scene(
+                *TWO,
+                Contact("c", "a", "b", DryFriction(0.5, 0.5), normal=1.0),
+                Drive("d", velocity=1.0),
+                *(Contact(f"on {n}", n, "d", DryFriction(0.5, 0.5), normal=5.0) for n in "ab"),
+            ),
+            "on a.radius_a",
+            "contradict",
+        ),
+        # wagons that touch their coupling and roll equally fast: near by they part, or press
+        (Scene(*TWO, Gap("g", "a", "b", lower=-1.0, upper=0.0, stiffness=20.0)), "a.velocity", "stays at a limit"),
+        (Scene(*TWO, Gap("g", "a", "b", lower=-1.0, upper=0.0, stiffness=20.0)), "a.position", "stays at a limit"),
+        # a load that comes exactly to the level of a held contact at a break, and stays there
+        (Scene(Body("a", inertia=1.0), PULLED, Force("a", step(0.5, 0.0, 1.0))), "c.normal", "comes to its level"),
+        (
+            Scene(Body("a", inertia=1.0), PULLED, Force("a", piecewise_linear([0.0, 0.5, 1.0], [0.0, 1.0, 1.0]))),
+            "forces[0].signal.values[2]",
+            "comes to its level",
+        ),
+        # bodies that start in touch at a stop: near by they part to one side, and hit to the other
+        (Scene(*TWO, Stop("s", "a", "b", upper=0.0, restitution=0.5)), "a.velocity", "starts closed"),
+    ],
+)
+def test_what_is_at_a_border_and_stays_there_has_two_sides(scene: Scene, name: str, why: str) -> None:
+    found = sensitivities(scene, (0.0, 1.5), [name])
+    assert np.isnan(found.velocity("a")).all() and why in found.reasons[0]
+    (parameter,) = named_parameters(scene, [name], "test")
+    near = (simulate(parameter.set(scene, parameter.value + h), (0.0, 1.5)) for h in (-1e-5, 0.0, 1e-5))
+    low, at, high = (
+        np.array([*(r.velocity(b.name)[-1] for b in scene.bodies), *(r.force(c.name)[-1] for c in scene.rows)])
+        for r in near
+    )
+    # differences to the two sides differ indeed
+    assert np.abs((high - at) - (at - low)).max() > 0.1 * 1e-5

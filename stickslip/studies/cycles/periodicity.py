@@ -184,8 +184,8 @@ class Coordinates:
         states = self.of(result.y)
         half = self.free.size
         found = np.ones(self.size)
-        # a motion that hardly changes its velocities is as large as the velocities of its drives
-        speeds = states[:half]
+        # those of all bodies, free at the start or not; beside one that slips one at rest is roundoff
+        speeds = result.y[: self.system.n]
         found[:half] = max(float(np.ptp(speeds)) if speeds.size else 0.0, 1e-300)
         # positions are as large as the largest of them, bristles and states of blocks each as itself
         first = half + self._read.shape[0]

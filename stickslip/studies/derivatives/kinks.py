@@ -51,6 +51,22 @@ def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
     trajectory, system = nearby.trajectory, nearby.system
     piece = trajectory.pieces[0]
     rows = system.dwelling[(piece.modes == 0)[system.dwelling]]
+    for k, i in _moved(_relative_at_start(nearby)[rows], TIE * nearby.state_sizes[0] / nearby.sizes):
+        yield k, f"{system.rows[rows[i]].name!r} starts at rest, and to both sides its dwell begins later"
+
+
+def at_closed_stops(nearby: Nearby, sides: Modes) -> Iterator[tuple[int, str]]:
+    """Find directions in which stops that start closed, at rest, part to one side and hit to the other."""
+    system, t = nearby.system, nearby.trajectory.span.start
+    w = system.relative_velocity(system.at_start(), nearby.trajectory.loads.after(t).at(t))
+    rows = (system.is_stop & (sides != 0) & (np.abs(w) <= REST * nearby.state_sizes[0])).nonzero()[0]
+    for k, i in _moved(_relative_at_start(nearby)[rows], TIE * nearby.state_sizes[0] / nearby.sizes):
+        yield k, f"{system.rows[rows[i]].name!r} starts closed, and near by it parts to one side and hits to the other"
+
+
+def _relative_at_start(nearby: Nearby) -> Array:
+    """Return the derivatives of the relative velocities at the start, before held ones are made equal."""
+    system, piece = nearby.system, nearby.trajectory.pieces[0]
     slopes = np.empty((system.m, nearby.count))
     for k, near_ones in enumerate(nearby.near_ones):
         velocities = [
@@ -58,8 +74,32 @@ def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
             for weight, near, loads in near_ones
         ]
         slopes[:, k] = system.G @ nearby.directions[k].y[: system.n] + total(velocities)
-    for k, i in _moved(slopes[rows], TIE * nearby.state_sizes[0] / nearby.sizes):
-        yield k, f"{system.rows[rows[i]].name!r} starts at rest, and to both sides its dwell begins later"
+    return slopes
+
+
+def at_loops(nearby: Nearby, motion: Motion) -> Iterator[tuple[int, str]]:
+    """Find directions in which rows that hold the same motion contradict each other."""
+
+    def known(one: Motion) -> tuple[int, bool]:
+        return one.equations.dependent.size, one.equations.balance.parting is None
+
+    for k in range(nearby.count):
+        if any(known(near) != known(motion) for _, near in nearby.near(motion, k)):
+            yield k, "rows hold the same motion, and near by they contradict each other"
+
+
+def at_borders(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece) -> Iterator[tuple[int, str]]:
+    """Find directions that move gaps off a limit at which they stay during a motion."""
+    if not nearby.system.is_gap.any():
+        return
+    piece = nearby.trajectory.pieces[number]
+    own = VariedGuards(nearby, piece, motion)
+    stay = (own.guards.is_border & (own.guards.order == NEVER)).nonzero()[0]
+    at = stay[[own.is_continuous(i) for i in stay.tolist()]]
+    middle, none = 0.5 * piece.end, np.zeros(nearby.count)
+    y, S = motion.exact(middle, piece.kept_path.state(middle)), varied.at(np.array([middle]))[:, 0]
+    for i, k in own.moved(at, middle, y, S, varied.since_change, none):
+        yield k, f"{own.label(i)} stays at a limit: the derivatives to the two sides differ"
 
 
 def at_stops(nearby: Nearby, motion: Motion, S: Array, sides: Modes) -> Iterator[tuple[int, str]]:
@@ -162,10 +202,10 @@ def at_break(
 def beyond_break(
     nearby: Nearby, number: int, motion: Motion, S: Array, since: Array, times: Array
 ) -> Iterator[tuple[int, str]]:
-    """Find directions in which a load that jumps exactly to a level would jump beyond it or stay below."""
+    """Find directions in which a load that comes exactly to a level on a break would go beyond it or stay below."""
     piece, following = nearby.trajectory.pieces[number : number + 2]
     path = piece.kept_path
-    if not np.any((following.modes != piece.modes) & (piece.modes == 0) & nearby.system.is_friction):
+    if not np.any(piece.modes == 0):
         return
     segment = nearby.motion_of(number + 1).segment
     held = Motion(motion.equations, segment, following.t, path.last, piece.since)

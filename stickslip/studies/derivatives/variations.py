@@ -116,6 +116,8 @@ class Variation(Nearby):
             for kink in (
                 *kinks.at_corners(self, number, motion, varied),
                 *kinks.at_rise_from_nothing(self, number, motion),
+                *kinks.at_loops(self, motion),
+                *kinks.at_borders(self, number, motion, varied),
                 *(enumerate([_STEEP] * self.count) if is_steep else ()),
             ):
                 self._refuse(piece.t, [kink])
@@ -184,6 +186,7 @@ class Variation(Nearby):
             S[:n, k] = system.balance(held).project(slope, none) + self._of_scene(k, impact, held, t, t)
         self._refuse(t, kinks.at_start(self, piece, motion, S, since), S)
         self._refuse(t, kinks.at_stops(self, motion, S, sides), S)
+        self._refuse(t, kinks.at_closed_stops(self, sides), S)
         return S, since
 
     def _straight(self, piece: Piece) -> list[int]:

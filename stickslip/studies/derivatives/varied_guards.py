@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.guards.values import GuardValues
 from stickslip.equations.motion import Motion
@@ -26,6 +27,7 @@ _HALVINGS = 40  # the way back to where a guard could be told from 0 is halved s
 # derivative of their duration is roundoff.
 _SHORT = 1e-9
 
+_PARALLEL = 1e-12  # part of its coefficients by which a row differs from a multiple of another one
 _TIE_OF_ENGINES = 1e-13  # guards within this part of their scales come to 0 together for the engines
 
 
@@ -111,6 +113,10 @@ class VariedGuards:
         moved = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S, is_straight)[fired]
         moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
         falls = self.falls(tau, y)[fired]
+        weights = self._of_one_motion(fired)
+        if weights is not None and abs(weights @ falls) > _GRAZING * (weights @ slopes[fired]):
+            # near by they share the force otherwise, and let go where all of them together are at their levels
+            return -(weights @ moved) / (weights @ falls), {}
         # slopes are those at the start: what has none there and falls later does not graze
         with np.errstate(divide="ignore", invalid="ignore"):
             steep = np.nan_to_num(np.abs(falls) / slopes[fired], posinf=np.inf)
@@ -132,6 +138,22 @@ class VariedGuards:
         times[apart] = np.nan
         why = f"events of {' and '.join(names)} fall together"
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
+
+    def _of_one_motion(self, fired: Indices) -> Array | None:
+        """Return by how much held contacts count that hold one motion side by side, and come to their levels together.
+
+        None where guards are others.
+        """
+        guards, system = self.guards, self._nearby.system
+        rows = guards.row[fired]
+        is_held = ~(guards.is_velocity | guards.is_border | guards.is_normal)[fired] & system.is_friction[rows]
+        if fired.size < 2 or not (is_held & (self._motion.equations.modes[rows] == 0)).all():
+            return None
+        lines = np.hstack([dense(system.G[rows]), system.D[rows]])
+        factors = lines @ lines[0] / (lines[0] @ lines[0])
+        apart = np.abs(lines - np.outer(factors, lines[0])).max()
+        one_way = guards.direction[fired] * np.sign(factors)
+        return np.abs(factors) if apart <= _PARALLEL * np.abs(lines).max() and np.ptp(one_way) == 0 else None
 
     def _comes_back(self, i: int, falls: float) -> bool:
         """Tell whether a guard that has left 0 falls about as fast as it left, as in each of many short flights."""
