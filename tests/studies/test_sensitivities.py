@@ -1422,3 +1422,34 @@ def test_what_is_at_a_border_and_stays_there_has_two_sides(scene: Scene, name: s
     )
     # differences to the two sides differ indeed
     assert np.abs((high - at) - (at - low)).max() > 0.1 * 1e-5
+
+
+@pytest.mark.parametrize("name", ["m.position", "rub.normal"])
+def test_a_contact_that_comes_to_rest_exactly_at_its_level_has_two_sides(name: str) -> None:
+    """It turns at -0.25 after half a turn, where the spring pulls with mu N = 0.25: pulled farther it would go on."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=0.75),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("rub", "m", GROUND, DryFriction(0.25, 0.25), normal=1.0),
+    )
+    found = sensitivities(scene, (0.0, 9.0), [name])
+    before, after = found.position("m", [3.0, 9.0])[:, 0]
+    assert math.isfinite(before) and math.isnan(after)
+    assert "exactly at its level" in found.reasons[0]
+
+
+@pytest.mark.parametrize("name", ["m.inertia", "springs[0].stiffness", "c.normal"])
+def test_a_dead_band_that_is_passed_at_once(name: str) -> None:
+    """The contact loses its last 0.02 m/s and goes on the other way; beside differences of exact runs."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Spring("m", GROUND, stiffness=4.0, damping=0.2),
+        Contact("c", "m", GROUND, Karnopp(DryFriction(0.5, 0.4), velocity=0.02), normal=1.0),
+        Force("m", sine(3.0, 0.5)),
+    )
+    found = sensitivities(scene, (0.0, 2.0), [name])
+    assert [event.cause for event in found.result.events] == ["reversal"]
+    (parameter,) = named_parameters(scene, [name], "test")
+    near = (parameter.set(scene, parameter.value + h) for h in (-1e-5, 1e-5))
+    low, high = (simulate(one, (0.0, 2.0)).position("m")[-1] for one in near)
+    assert found.position("m")[0] == pytest.approx((high - low) / 2e-5, rel=1e-7)

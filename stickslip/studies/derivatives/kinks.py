@@ -215,6 +215,16 @@ def beyond_break(
         yield k, f"{label} comes to its level on a break of a load"
 
 
+def beyond_event(
+    nearby: Nearby, following: Piece, motion: Motion, S: Array, since: Array, times: Array
+) -> Iterator[tuple[int, str]]:
+    """Find directions in which what is held after an event, with a force exactly at its level, would not be held."""
+    if not np.any(following.modes == 0):
+        return
+    for k, label in _off_levels(nearby, following, motion, S, since, times):
+        yield k, f"{label} is exactly at its level after an event"
+
+
 def _off_levels(
     nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, times: Array
 ) -> Iterator[tuple[int, str]]:

@@ -266,7 +266,9 @@ class Variation(Nearby):
         tau = float(path.taus[-1])
         after = self.motion_of(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
-        held = (following.modes == 0) & system.hard
+        # Karnopp's dead band takes the velocity also of a contact that goes on the other way at once
+        turns = (system.laws.rests_below > 0) & (np.abs(piece.modes) == 1) & (following.modes == -piece.modes)
+        held = ((following.modes == 0) & system.hard) | turns
         q = after.segment.at(following.t)
         u, rates = system.drive_velocities(q), system.drive_accelerations(q)
         balance = system.balance(held)
@@ -290,6 +292,7 @@ class Variation(Nearby):
         found[self._straight(following)] = 0.0
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)
+        self._refuse(piece.stop, kinks.beyond_event(self, following, after, found, since, times), found)
         return found, since
 
     def _impact(self, number: int, motion: Motion) -> VariedImpact:
