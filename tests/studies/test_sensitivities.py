@@ -1453,3 +1453,12 @@ def test_a_dead_band_that_is_passed_at_once(name: str) -> None:
     near = (parameter.set(scene, parameter.value + h) for h in (-1e-5, 1e-5))
     low, high = (simulate(one, (0.0, 2.0)).position("m")[-1] for one in near)
     assert found.position("m")[0] == pytest.approx((high - low) / 2e-5, rel=1e-7)
+
+
+def test_two_equal_stops_at_once_have_two_sides() -> None:
+    """By the restitution of one of them: the larger one of both decides."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0), *(Stop(n, "m", GROUND, upper=0.5, restitution=0.5) for n in "st")
+    )
+    found = sensitivities(scene, (0.0, 1.5), ["s.restitution"])
+    assert math.isnan(found.velocity("m")[0]) and "impacts fall together" in found.reasons[0]

@@ -30,7 +30,7 @@ from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled, simulate
 from stickslip.studies.derivatives import kinks
-from stickslip.studies.derivatives.directions import Direction
+from stickslip.studies.derivatives.directions import CENTRAL, PART, Direction
 from stickslip.studies.derivatives.nearby import REST, Nearby, OfMotion, total
 from stickslip.studies.derivatives.varied import VariedImpact, VariedPiece
 from stickslip.studies.derivatives.varied_corners import corner_times
@@ -40,10 +40,12 @@ from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 # Events nearer in time than this part of the time span count as one, if their derivatives differ.
 _TOGETHER = 1e-10
 
+_TOGETHER_HIT = "impacts fall together: the derivatives to the two sides differ"
 _STEEP = "friction falls so steeply from rest (a Stribeck exponent below 1/2) that no derivative is known"
 
 _SMALL = 1e-3  # part of its size by which a parameter may change without making two such events one
 _CONTINUOUS = 1e-12  # part of a load by which it differs before and after a break where it does not jump
+_BENT = 0.05  # part of a difference by which what is linear over it is not in the middle
 _JUMP = 1e-7  # part of the speeds by which velocities may differ from those after the jump that is expected
 
 
@@ -198,10 +200,20 @@ class Variation(Nearby):
 
         Drives jump there from the loads that hold after `before` to those after `t`.
         """
-        parts = []
-        for weight, near, loads in self.near_ones[k]:
+        known = [(system, loads) for _, system, loads in self.near_ones[k]]
+        if np.count_nonzero(impact.hit) > 1 and len(known) == len(CENTRAL):
+            known.append((self.system, self.trajectory.loads))
+        values = []
+        for near, loads in known:
             u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
-            parts.append(weight * near.balance(held).project(impact.near(near, u, now), now))
+            values.append(near.balance(held).project(impact.near(near, u, now), now))
+        parts = [weight * value for (weight, _, _), value in zip(self.near_ones[k], values, strict=False)]
+        if len(values) > len(parts):
+            back, ahead, own = values[0], values[1], values[-1]
+            bend, rough = np.abs(ahead + back - 2 * own).max(), _JUMP * PART * self.state_sizes[0]
+            if bend > max(_BENT * np.abs(ahead - back).max(), rough):
+                self._refuse(t, [(k, _TOGETHER_HIT)])
+                return np.full(self.system.n, np.nan)
         return total(parts)
 
     def _breaks_at(self, t: float) -> Array:
@@ -283,8 +295,7 @@ class Variation(Nearby):
         for k in range(self.count):
             slope, differs = impact.along(moved[:n, k], times[k])
             if differs > TIE * np.abs(slope).max(initial=0.0):
-                why = "impacts fall together: the derivatives to the two sides differ"
-                self._refuse(piece.stop, [(k, why)], times)
+                self._refuse(piece.stop, [(k, _TOGETHER_HIT)], times)
                 slope = np.full(n, np.nan)
             near = self._of_scene(k, impact, held, piece.t, following.t)
             found[:n, k] = balance.project(slope, rates * times[k]) + near
