@@ -109,7 +109,7 @@ class Signal(Load):
         return ()
 
     def points(self, start: float, stop: float) -> tuple[float, ...]:
-        """Return the same and those at which they would jump if a number of the signal were another one."""
+        """Return the breaks, and the points that are none only because of the values that the signal has there."""
         return self.breaks(start, stop)
 
     @property

@@ -40,7 +40,7 @@ from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 # Events nearer in time than this part of the time span count as one, if their derivatives differ.
 _TOGETHER = 1e-10
 
-_TOGETHER_HIT = "impacts fall together: the derivatives to the two sides differ"
+_HIT_TOGETHER = "impacts fall together: the derivatives to the two sides differ"
 _STEEP = "friction falls so steeply from rest (a Stribeck exponent below 1/2) that no derivative is known"
 
 _SMALL = 1e-3  # part of its size by which a parameter may change without making two such events one
@@ -212,7 +212,7 @@ class Variation(Nearby):
             back, ahead, own = values[0], values[1], values[-1]
             bend, rough = np.abs(ahead + back - 2 * own).max(), _JUMP * PART * self.state_sizes[0]
             if bend > max(_BENT * np.abs(ahead - back).max(), rough):
-                self._refuse(t, [(k, _TOGETHER_HIT)])
+                self._refuse(t, [(k, _HIT_TOGETHER)])
                 return np.full(self.system.n, np.nan)
         return total(parts)
 
@@ -295,7 +295,7 @@ class Variation(Nearby):
         for k in range(self.count):
             slope, differs = impact.along(moved[:n, k], times[k])
             if differs > TIE * np.abs(slope).max(initial=0.0):
-                self._refuse(piece.stop, [(k, _TOGETHER_HIT)], times)
+                self._refuse(piece.stop, [(k, _HIT_TOGETHER)], times)
                 slope = np.full(n, np.nan)
             near = self._of_scene(k, impact, held, piece.t, following.t)
             found[:n, k] = balance.project(slope, rates * times[k]) + near
