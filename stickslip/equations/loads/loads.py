@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from functools import cached_property
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +100,11 @@ class Loads:
         values: list[tuple[int, Callable[[float], float]]] = [*enumerate(self._signals)]
         values += [(i, self._signals[i].slope) for i in self._rates]
         return {b for i, value in values for b in _jumps(value, sorted(self.breaks_of[i]))}
+
+    @cached_property
+    def every_break(self) -> list[float]:
+        """The breaks of all signals in order, those of several at one time as often."""
+        return sorted(chain.from_iterable(self.breaks_of))
 
     def is_only_sample(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""

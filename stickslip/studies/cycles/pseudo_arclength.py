@@ -109,9 +109,7 @@ class Arc:
             h = 1e-4 * self._scale
             longer = (self._period(value + h) - self._period(value - h)) / (2 * h)
             by_parameter = by_parameter + shot.rate_after * longer
-        matrix, missed = shot.matrix(by_parameter * self._scale), shot.missed / shot.sizes
-        if not shot.forced:
-            missed = np.append(missed, 0.0)
+        matrix, missed = shot.matrix(by_parameter * self._scale), shot.lines(shot.missed)
         _, parts, lines = np.linalg.svd(matrix)
         if matrix.shape[0] and parts[-1] <= 1e-10 * parts[0]:
             raise CycleError("branches of cycles cross here")

@@ -140,14 +140,18 @@ class Shot:
         along[0, :count] = self.rate_before / self.sizes * self.period
         return np.vstack([found, along])
 
+    def lines(self, missed: Array) -> Array:
+        """Return what is missed in its sizes, a number for each line of `matrix`."""
+        found = missed / self.sizes
+        return found if self.forced else np.append(found, 0.0)
+
     def solve(self, right: Array) -> tuple[Array, float]:
         """Return changes of start and period that change by how much the motion misses by `right`.
 
         If there are none, a cycle next to it is one, too: that is a `CycleError`.
         """
-        sizes, count, free = self.sizes, self.coordinates.size, not self.forced
-        matrix = self.matrix()
-        sought = np.append(right / sizes, 0.0) if free else right / sizes
+        sizes, count = self.sizes, self.coordinates.size
+        matrix, sought = self.matrix(), self.lines(right)
         if not count:
             return np.zeros(0), 0.0
         # what the monodromy matrix has more than the unit matrix by roundoff only is no slope
@@ -159,7 +163,7 @@ class Shot:
                 "a multiplier is 1: cycles are no longer single there (a fold, or a family of them), or a load is "
                 "in resonance and there is none"
             )
-        return found[:count] * sizes, float(found[count] * self.period) if free else 0.0
+        return found[:count] * sizes, 0.0 if self.forced else float(found[count] * self.period)
 
     def moved(self, change: Array, longer: float, own: Scene | None = None, y: Array | None = None) -> Shot:
         """Return the shot from another start, with another period."""

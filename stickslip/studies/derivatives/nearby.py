@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,6 @@ class Nearby:
         if self.system.sampled:
             raise ValueError("sensitivities: sampled blocks have no derivatives here; blocks in continuous time have")
         self.directions = list(directions)
-        self.breaks = sorted(chain(*self.trajectory.loads.breaks_of))
         # directions in which the scenes near by have other breaks
         counts = _counts(self.trajectory.loads)
         self.lost_breaks = [
@@ -78,10 +76,10 @@ class Nearby:
 
     def segment_after(self, t: float, loads: Loads) -> Segment:
         """Return the segment of loads near by that has the number of the nominal one after `t`."""
-        number = bisect_right(self.breaks, t)
+        number = bisect_right(self.trajectory.loads.every_break, t)
         span = self.trajectory.span
         # what breaks together here may break one after the other there
-        ends = [span.start, *sorted(chain(*loads.breaks_of)), span.stop]
+        ends = [span.start, *loads.every_break, span.stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
     def motion_of(self, number: int) -> Motion:

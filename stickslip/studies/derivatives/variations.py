@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines import METHODS
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.one_thread import one_thread
@@ -200,16 +201,16 @@ class Variation(Nearby):
 
         Drives jump there from the loads that hold after `before` to those after `t`.
         """
-        known = [(system, loads) for _, system, loads in self.near_ones[k]]
-        if np.count_nonzero(impact.hit) > 1 and len(known) == len(CENTRAL):
-            known.append((self.system, self.trajectory.loads))
-        values = []
-        for near, loads in known:
+
+        def after(near: System, loads: Loads) -> Array:
             u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
-            values.append(near.balance(held).project(impact.near(near, u, now), now))
-        parts = [weight * value for (weight, _, _), value in zip(self.near_ones[k], values, strict=False)]
-        if len(values) > len(parts):
-            back, ahead, own = values[0], values[1], values[-1]
+            return near.balance(held).project(impact.near(near, u, now), now)
+
+        near_ones = self.near_ones[k]
+        values = [after(near, loads) for _, near, loads in near_ones]
+        parts = [weight * value for (weight, _, _), value in zip(near_ones, values, strict=True)]
+        if np.count_nonzero(impact.hit) > 1 and len(values) == len(CENTRAL):
+            (back, ahead), own = values[:2], after(self.system, self.trajectory.loads)
             bend, rough = np.abs(ahead + back - 2 * own).max(), _JUMP * PART * self.state_sizes[0]
             if bend > max(_BENT * np.abs(ahead - back).max(), rough):
                 self._refuse(t, [(k, _HIT_TOGETHER)])
@@ -218,14 +219,12 @@ class Variation(Nearby):
 
     def _breaks_at(self, t: float) -> Array:
         """Return how the times change of all breaks of loads that are at time `t`, (breaks, directions)."""
-        span = self.trajectory.span.stop - self.trajectory.span.start
-        here = [
-            (i, k)
-            for i, own in enumerate(self.trajectory.loads.breaks_of)
-            for k, b in enumerate(own)
-            if abs(b - t) <= _TOGETHER * span
-        ]
-        found = [[sum(w * loads.breaks_of[i][k] for w, _, loads in near) for near in self.near_ones] for i, k in here]
+        loads, near_by = self.trajectory.loads, _TOGETHER * (self.trajectory.span.stop - self.trajectory.span.start)
+        here = []
+        if any(abs(b - t) <= near_by for b in loads.breaks):
+            places = ((i, j, b) for i, own in enumerate(loads.breaks_of) for j, b in enumerate(own))
+            here = [(i, j) for i, j, b in places if abs(b - t) <= near_by]
+        found = [[sum(w * one.breaks_of[i][j] for w, _, one in near) for near in self.near_ones] for i, j in here]
         times: Array = np.array(found, dtype=float).reshape(len(here), self.count)
         times[:, self.lost_breaks] = np.nan
         return times
