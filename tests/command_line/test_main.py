@@ -181,6 +181,7 @@ def test_progress_goes_to_stderr_when_asked(here, capsys):
     assert "simulated" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_run_writes_a_report(here):
     assert main(["run", "scene.toml", "--report", "o.html"]) == 0
     assert (here / "o.html").read_text().startswith("<!DOCTYPE html>")
@@ -193,6 +194,7 @@ def test_explain_names_the_engine(here, capsys):
     assert "must run forward" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_sweep_reads_each_point_of_a_grid(here, capsys):
     vary = ["--vary", "floor.normal=1,2", "--vary", "springs[0].stiffness=1:4:3:log"]
     files = ["--csv", "o.csv", "--plot", "o.png", "--value", "stuck floor", "--save", "o.jsonl"]

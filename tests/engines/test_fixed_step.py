@@ -177,7 +177,7 @@ def test_velocities_are_projected_conserving_momentum() -> None:
         assert result.velocity("a")[-1] == pytest.approx(11.1 / 11, rel=1e-14)
 
 
-@pytest.mark.parametrize("velocity", [1e-2, 1e-3])
+@pytest.mark.parametrize("velocity", [1e-2, pytest.param(1e-3, marks=pytest.mark.slow)])
 def test_pre_slip_tells_the_story_of_the_benchmark(velocity: float) -> None:
     scene = flywheel_benchmark().regularized(velocity=velocity)
     result = simulate(scene, (0.0, 1.0), method="RK4", step=0.1 * velocity)
@@ -288,6 +288,7 @@ def test_a_contact_that_a_jump_opens_is_open_at_once(law: Any, method: str) -> N
     assert at.mode("c").tolist() == right.mode("c").tolist()
 
 
+@pytest.mark.slow
 def test_a_contact_that_slips_where_nothing_presses_it_remembers_that() -> None:
     """At half the pre-slip velocity it is pressed again, and brakes with all of its friction: 2 N."""
     normal = piecewise_linear([0.2, 0.2, 0.5, 0.5], [1e-3, 0.0, 0.0, 10.0])

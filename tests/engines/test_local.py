@@ -547,6 +547,7 @@ def test_machines_followed_part_by_part_do_as_their_oracle(family: str) -> None:
             assert difference(family, "auto", number) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_normal_force_that_touches_0_has_not_come_through_it() -> None:
     """It falls to 0 N at a break and rises again: what roundoff leaves below 0 is small beside what it was."""
     for k in range(0, 60, 5):

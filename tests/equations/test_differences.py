@@ -91,8 +91,8 @@ def test_a_fault_with_rate_and_state_slips_in_events() -> None:
 
 @pytest.mark.slow
 def test_earthquakes_recur_where_steps_are_below_roundoff_of_the_time() -> None:
-    # where the block stops, its velocity bends within 1e-14 s: at 1.8e4 s a solver that counts time from the start
-    # cannot tell such steps apart. All cycles are alike
+    # where the block stops, its velocity bends within 1e-14 s: at 1.8e4 s a solver that counts time from 0 cannot
+    # tell such steps apart. All cycles are alike
     rate, slip, pressure, mass = 1e-6, 1e-5, 5e6, 1e3
 
     def friction(w: float, age: float) -> float:
@@ -117,8 +117,8 @@ def test_earthquakes_recur_where_steps_are_below_roundoff_of_the_time() -> None:
             normal=feedback(friction, velocity("fault"), output("age")),
         ),
     )
-    result = simulate(scene, (0.0, 19000.0), atol=1e-16, rtol=1e-9)
+    result = simulate(scene, (14000.0, 22000.0), atol=1e-16, rtol=1e-9)
     speed = result.velocity("fault")
     quakes = result.t[1:][(speed[:-1] < 1e-3) & (speed[1:] >= 1e-3)]
-    assert quakes.size == 26
+    assert quakes.size == 11
     np.testing.assert_allclose(np.diff(quakes)[6:], 748.997, atol=2e-3)

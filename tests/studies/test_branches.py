@@ -269,6 +269,7 @@ def test_a_first_step_of_nothing_grows() -> None:
     assert branch.cycles[1].period == pytest.approx(limit_cycle(belt(0.11)).period, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_bifurcation_diagram() -> None:
     branch = continue_cycle(belt(), "belt.velocity", [0.1, 0.2])
     ax = branch.plot("m")
