@@ -299,8 +299,11 @@ class Motion(Inputs):
         """
         y[self.system.clocked] = self.y[self.system.clocked]
 
-    def jacobian(self, tau: float, y: Array) -> Any:
-        """Return ``d y' / d y``, dense or sparse as the scene is."""
+    def jacobian(self, tau: float, y: Array, true_slopes: bool = False) -> Any:
+        """Return ``d y' / d y``, dense or sparse as the scene is.
+
+        With true slopes friction has them as they are, however steep; a solver needs flatter ones.
+        """
         equations = self.equations
         matrix = equations.jacobian()
         if self.dependence is not None:
@@ -308,17 +311,11 @@ class Motion(Inputs):
         if not self.has_law:
             return matrix
         terms = self.law_arguments(tau, y)
-        matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
+        slopes = equations.law.slopes(*terms)
+        if true_slopes:
+            slopes += equations.law.left_out(*terms[:2])
+        matrix = matrix + equations.law_jacobian(slopes)
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
-
-    def true_jacobian(self, tau: float, y: Array) -> Any:
-        """Return ``d y' / d y`` with the slopes of friction as they are, however steep; a solver needs flatter ones."""
-        matrix = self.jacobian(tau, y)
-        if not self.has_law:
-            return matrix
-        w, normal, *_ = self.law_arguments(tau, y)
-        left_out = self.equations.law.left_out(w, normal)
-        return matrix + self.equations.law_jacobian(left_out) if left_out.any() else matrix
 
     @property
     def structure(self) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
@@ -27,7 +28,10 @@ from stickslip import (
     sine,
     velocity,
 )
+from stickslip.model.arrays import Array
+from stickslip.studies.cycles import shooting
 from stickslip.studies.cycles.continuation import Follower
+from stickslip.studies.cycles.cycle import centred
 from stickslip.studies.cycles.newton import closed_from
 from stickslip.studies.cycles.shooting import Shot
 from stickslip.studies.parameters import named_parameters
@@ -64,6 +68,43 @@ def test_periods_of_stick_slip_over_the_speed_of_the_belt() -> None:
     assert branch.stable.all() and not branch.multipliers.any() and branch.points == ()
     assert np.allclose(branch.amplitudes("m"), np.hypot(fall / STIFFNESS, v / w), atol=1e-8)
     assert "belt.velocity" in str(branch)
+
+
+@pytest.mark.slow
+def test_a_long_way_along_a_stribeck_curve_takes_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It breaks away at ``k x + c v = mu_s N`` and slips until it is as fast as the belt; then it is carried back."""
+    shots = []
+    simulated = shooting.simulated
+    monkeypatch.setattr(shooting, "simulated", lambda *args, **options: shots.append(1) or simulated(*args, **options))
+
+    def stribeck(v: float) -> Scene:
+        return Scene(
+            Body("m", inertia=2.0, velocity=v),
+            Drive("belt", velocity=v),
+            Spring("m", GROUND, stiffness=200.0, damping=0.5),
+            Contact("c", "m", "belt", DryFriction(0.4, 0.25, stribeck_velocity=0.1), normal=20.0),
+        )
+
+    def period(v: float) -> float:
+        def rate(t: float, y: Array) -> list[float]:
+            friction = 20.0 * (0.25 + 0.15 * math.exp(-((10.0 * (v - y[1])) ** 2)))
+            return [y[1], (friction - 200.0 * y[0] - 0.5 * y[1]) / 2.0]
+
+        def caught(t: float, y: Array) -> float:
+            return y[1] - v if t > 0.1 else -1.0
+
+        caught.terminal = True  # type: ignore[attr-defined]
+        away = (0.4 * 20.0 - 0.5 * v) / 200.0
+        slip = solve_ivp(rate, (0.0, 5.0), [away, v * (1 - 1e-13)], "DOP853", events=caught, rtol=1e-12, atol=1e-14)
+        return float(slip.t[-1] + (away - slip.y[0, -1]) / v)
+
+    branch = continue_cycle(stribeck(0.02), "belt.velocity", [0.02, 0.06])
+    assert branch.periods == pytest.approx([period(0.02), period(0.06)], abs=1e-7)
+    # it begins anew in the middle of a motion: a contact that sticks is forgotten for all that
+    assert not branch.multipliers.any() and branch.points == ()
+    assert len(shots) <= 30
+    cycle = branch.cycles[1]
+    assert cycle is not None and centred(cycle) is cycle
 
 
 def gap(v: float, damping: float) -> float:

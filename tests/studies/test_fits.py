@@ -114,6 +114,11 @@ def test_data_in_other_units_are_noticed() -> None:
     assert good.fits and good.misfit < 1 and "sigma" not in str(good)
     bad = fit(scene, ["dampers[0].damping"], {"m.velocity": (t, 1000 * values, 0.01)})
     assert not bad.fits and bad.misfit > 1e3 and "look at the units" in str(bad)
+    # without sigma the noise is what the fit leaves, whatever that is
+    untold = fit(scene, ["dampers[0].damping"], {"m.velocity": (t, 1000 * values)})
+    assert untold.fits is None and np.isnan(untold.misfit)
+    size = np.sqrt(np.mean(untold.residuals()["m.velocity"] ** 2))
+    assert size > 100 and f"root mean squares of the residuals: m.velocity {size:.2g};" in str(untold)
 
 
 @pytest.mark.slow

@@ -143,8 +143,8 @@ def cycle_of(shot: Shot) -> Cycle:
 
 
 def centred(cycle: Cycle) -> Cycle:
-    """Return a cycle that starts in the middle of its longest motion, so that events do not pass its start."""
-    return cycle_of(cycle.shot.between_events())
+    """Return a cycle that starts well within its longest motion, so that events do not pass its start."""
+    return cycle if cycle.shot.starts_within else cycle_of(cycle.shot.between_events())
 
 
 def from_zero(cycle: Cycle) -> Cycle:

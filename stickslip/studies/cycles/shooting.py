@@ -11,6 +11,7 @@ from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Complex
 from stickslip.model.scene import Scene
+from stickslip.simulation.simulate import compiled
 from stickslip.studies.cycles.periodicity import (
     Closing,
     Coordinates,
@@ -30,6 +31,7 @@ from stickslip.studies.parameters import Parameter
 _CLOSED = 1e-10
 
 _ZERO = 1e-9  # a multiplier no larger than this is 0
+_FORGOTTEN = 1e-10  # singular values of the map over one period below this part of the largest are 0
 
 # Singular values below this part of the largest entry of the map over one period are roundoff.
 _ROUNDOFF = 1e-13
@@ -87,6 +89,19 @@ class Shot:
         at = middle_of(self.result, self.begin, self.begin + self.period)
         begin = at % self.period if self.forced else 0.0
         return Shot(scene_at(self.result, at), self.period, self.forced, self.options, begin)
+
+    @property
+    def starts_within(self) -> bool:
+        """Whether a cycle starts within its longest motion, at least a quarter of this away from its ends."""
+        pieces = self.result.trajectory.pieces
+        first, last = pieces[0], pieces[-1]
+        alike = np.array_equal(first.labels, last.labels) and np.array_equal(first.modes, last.modes)
+        if not alike or (self.forced and not self.begin):
+            # there is an event at the start, or a load may break there
+            return False
+        after, before = first.stop - first.t, last.stop - last.t
+        others = max((one.stop - one.t for one in pieces[1:-1]), default=0.0)
+        return 4 * min(after, before) >= after + before >= others
 
     @cached_property
     def _variation(self) -> Variation:
@@ -174,7 +189,14 @@ class Shot:
         y = (self.start if y is None else y) + states @ change[:count]
         ages = np.maximum(self.ages + change[count:], 0.0)
         modes = self.result.trajectory.pieces[0].modes
-        own = self.scene if own is None else own
+        if own is None:
+            own = self.scene
+        else:
+            # the derivatives that have led there leave roundoff in held velocities
+            system = compiled(own)
+            q = system.loads(self.begin, self.begin + self.period).after(self.begin).at(self.begin)
+            held = (modes == 0) & system.hard
+            y[: system.n] = system.balance(held).project(y[: system.n], system.drive_velocities(q))
         try:
             scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
             return Shot(scene, self.period + longer, self.forced, self.options, self.begin)
@@ -205,6 +227,8 @@ class Shot:
     def multipliers(self) -> Complex:
         """Return the eigenvalues of the map over one period, along the motion left out where the period is free."""
         matrix = self.monodromy * self.sizes / self.sizes[:, None]
+        # so many there are that are not 0: what rows held on the way forget is lost but for a solver's errors
+        rank = np.linalg.matrix_rank(matrix, tol=_FORGOTTEN * np.linalg.norm(matrix, 2)) if matrix.size else 0
         if not self.forced:
             f = self.rate_before / self.sizes
             if np.linalg.norm(f) == 0:
@@ -215,6 +239,7 @@ class Shot:
         found = np.linalg.eigvals(matrix).astype(complex) if matrix.size else np.zeros(0, dtype=complex)
         found[np.abs(found) <= _ZERO] = 0.0
         found = found[np.argsort(-np.abs(found), kind="stable")]
+        found[max(int(rank) - (not self.forced), 0) :] = 0.0
         # where held rows leave fewer coordinates, what they forget has the multiplier 0
         system = self.system
         ties = np.linalg.matrix_rank(dense(system.G)[system.is_tie]) if system.is_tie.any() else 0

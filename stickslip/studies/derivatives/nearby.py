@@ -195,7 +195,7 @@ class Nearby:
                 rates.append(weight * near.rate(taus[some], at[:, some] + change))
             found[:, some, k] = total(rates)
             for place, i in enumerate(some.tolist()):
-                found[:, i, k] -= motion.true_jacobian(float(taus[i]), y[:, i]) @ shift[:, place]
+                found[:, i, k] -= motion.jacobian(float(taus[i]), y[:, i], true_slopes=True) @ shift[:, place]
         return found
 
     def slopes_at(

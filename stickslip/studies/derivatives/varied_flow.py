@@ -166,7 +166,7 @@ def _collocation(motion: Motion, h: float, taus: Array, y: Array, forcing: Array
     The state `y` and the rates `forcing` that S does not cause are those at the times of the stages.
     """
     _, weights, to_powers = radau()
-    slopes = np.array([dense(motion.true_jacobian(tau, y[:, j])) for j, tau in enumerate(taus.tolist())])
+    slopes = np.array([dense(motion.jacobian(tau, y[:, j], true_slopes=True)) for j, tau in enumerate(taus.tolist())])
     blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
     whole = np.eye(y.size) - blocks.reshape(y.size, y.size)
     right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing)

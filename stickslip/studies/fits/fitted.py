@@ -109,14 +109,19 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """Size of the residuals over the standard deviations of the noise; 1 where none are given."""
+        """Size of the residuals over the standard deviations of the noise; NaN where none are given."""
         if any(one.sigma is None for one in self.measured):
-            return 1.0
+            return float("nan")
         return float(np.sqrt(2 * self.cost / self._freedom))
 
     @property
-    def fits(self) -> bool:
-        """Whether the residuals are no larger than noise makes them, to five standard deviations."""
+    def fits(self) -> bool | None:
+        """Whether the residuals are no larger than noise makes them, to five standard deviations.
+
+        None where no standard deviations are given: nothing tells how large the noise is.
+        """
+        if np.isnan(self.misfit):
+            return None
         return bool(self.misfit**2 <= 1 + 5 * np.sqrt(2 / self._freedom))
 
     @property
@@ -157,7 +162,12 @@ class Fit:
                 f"{self.parameters[i]} and {self.parameters[k]} are told apart poorly: "
                 f"correlation {self.correlation[i, k]:.3f}"
             )
-        if not self.fits:
+        if self.fits is None:
+            sizes = (f"{name} {np.sqrt(np.mean(off**2)):.2g}" for name, off in self.residuals().items())
+            lines.append(
+                f"root mean squares of the residuals: {', '.join(sizes)}; sigma would tell whether the scene fits"
+            )
+        elif not self.fits:
             lines.append(
                 f"the residuals are {self.misfit:.3g} times as large as the given sigma: the scene does not move as "
                 "measured, and the standard errors mean nothing; look at the units, the first guess and the model"
