@@ -416,7 +416,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print, draw."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--quick", action="store_true", help="a few seconds per scene")
+    parser.add_argument("--quick", action="store_true", help="about three minutes in all")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="where to save the figures")
     options = parser.parse_args(arguments)
     if options.figures:

@@ -176,6 +176,8 @@ def signal_from_dict(data: Any, what: str, others: Iterable[str] = ()) -> Signal
     }
     if not isinstance(kind, str) or kind not in makers:
         known = ", ".join([*makers, "sum", *others])
+        if "type" not in data:
+            raise ValueError(f"{what}: the type of the signal is missing; write type = and one of {known}")
         raise ValueError(f"{what}: unknown signal type {kind!r}; known are {known}")
     check_entries(makers[kind], kind, fields, what, TypeError)
     try:

@@ -84,8 +84,8 @@ def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) ->
     found.append((max(height, 0.95), partial(modes, result, names)))
     if len(names) <= _FORCE_PANELS:
         found += [(1.6, partial(contact_forces, result, name)) for name in names]
-    else:
-        found.append((2.2, partial(load_of_contacts, result, names)))
+    elif of_contacts := [one.name for one in result.scene.contacts if one.name in names]:
+        found.append((2.2, partial(load_of_contacts, result, of_contacts)))
     elements = limited(result)
     between = [name for name in names if name in elements][:_FORCE_PANELS]
     found += [(1.5, partial(stretch, result, name)) for name in between]

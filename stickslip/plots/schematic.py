@@ -76,14 +76,16 @@ class _Drawing:
     """Where everything stands."""
 
     def __init__(self, scene: Scene) -> None:
-        every = (*scene.bodies, *scene.drives)
+        # all bodies may hold to one drive
+        drives = scene.drives[: max(MOST - len(scene.bodies), MOST // 2)]
+        bodies = scene.bodies[: MOST - len(drives)]
         self.scene = scene
-        self.nodes: dict[str, Body | Drive] = {one.name: one for one in every[:MOST]}
+        self.nodes: dict[str, Body | Drive] = {one.name: one for one in (*bodies, *drives)}
         links = [found for element in scene.elements if (found := _link(element, scene)) is not None]
         self.links = [one for one in links if all(end in self.nodes or end == GROUND for end in one.ends)]
         self.pushes = _pushes(scene)
         self.blocks = _blocks(scene)
-        self.left_out = len(every) - len(self.nodes), len(links) - len(self.links)
+        self.left_out = len(scene.bodies) + len(scene.drives) - len(self.nodes), len(links) - len(self.links)
         self.rows = {name: row for row, name in enumerate(_order(list(self.nodes), self.links))}
         self._place()
 
@@ -153,10 +155,9 @@ class _Drawing:
             if name in self.nodes:
                 left = min(left, self._sides(name)[0] - 0.45 - _LETTER * len(text))
         note = self._note()
-        right = max(right, left + _LETTER * len(note)) + 0.1
+        right = max(right, left + _LETTER * len(note), *(end for _, end, _ in self.blocks)) + 0.1
         self.below = lowest
         lowest -= 0.15 + (0.2 if note else 0.0) + (_BOX + 0.1 if self.blocks else 0.0)
-        right = max([right, *(end for _, end, _ in self.blocks)])
         width, height = right - left, 0.15 - lowest
         if ax is None:
             ax = new_figure(width, height).add_axes((0.0, 0.0, 1.0, 1.0))

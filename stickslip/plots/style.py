@@ -225,7 +225,7 @@ def raster(ax: Any, t: Array, rows: NDArray[Any], names: list[str], **options: A
     keep = np.concatenate([[True], np.diff(t) > 0])
     mesh = ax.pcolormesh(edges(t[keep]), places, rows[:, keep], rasterized=True, **options)
     ax.invert_yaxis()
-    every = max(1, -(-len(names) // 20))
+    every = max(1, -(-len(names) // 12))
     listed = [short(name) for name in names[::every]]
     ax.set_yticks(range(0, len(names), every), listed, fontsize="small", **AS_IT_IS)
     keep_names_inside(ax)

@@ -20,6 +20,7 @@ from stickslip.plots.style import (
 )
 
 _NOTES = 6
+_LONGEST = 125  # letters of a note that fit into the width of a figure
 _APART = 0.4  # decades between families below what the reference can tell
 
 
@@ -118,15 +119,13 @@ def _drawable(row: Any) -> bool:
     return row.failure is None and row.error > 0
 
 
-def _reason(row: Any) -> str:
-    text = f"error 0 in {row.median:.3g} s" if row.failure is None else row.failure.split("\n")[0]
-    return text if len(text) <= 70 else text[:69] + "…"
-
-
 def _notes(rows: list[Any]) -> list[str]:
     """Return a line for each family of which rows cannot be drawn, and why the first of them cannot."""
     lines = []
     for name, some in _by_family(rows).items():
-        counted = f"{name}, {len(some)} of its calls" if len(some) > 1 else some[0].name
-        lines.append(f"{counted}: {_reason(some[0])}")
+        first = some[0]
+        counted = f"{name}, {len(some)} of its calls" if len(some) > 1 else first.name
+        why = f"error 0 in {first.median:.3g} s" if first.failure is None else first.failure.split("\n")[0]
+        line = f"{counted}: {why}"
+        lines.append(line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…")
     return lines

@@ -199,7 +199,8 @@ def _guards(system: System, j: int) -> str:
     if system.free[j]:
         return "no mode and no guard: its law is smooth"
     if system.hard[j]:
-        rise = ", with the dwell's rise" if system.dwell[j] > 0 else ""
+        rises = system.dwell[j] > 0 and system.laws.laws[j].core.stribeck_velocity is None
+        rise = ", with the dwell's rise" if rises else ""
         return f"guards: 1 slipping (w), 2 stuck (B - r and B + r{rise})"
     return "guards: 1 slipping (|w| falls to 0.1 of the pre-slip velocity), 2 in pre-slip (|w| exceeds it)"
 

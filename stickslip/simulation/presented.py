@@ -79,6 +79,16 @@ class Presented(Readable):
         """
         tables.to_csv(self, path, units=units)
 
+    def to_json(self, path: Target) -> None:
+        """Write outcome, events, counts and the state at the last time as JSON.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        tables.to_json(self, path)
+
     def to_frame(self) -> Any:
         """Return the same as a pandas data frame, units in ``frame.attrs["units"]`` (extra `stickslip[frames]`).
 

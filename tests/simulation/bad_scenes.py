@@ -98,7 +98,7 @@ DATA: list[Case] = [
     (
         lambda: loaded({"amplitude": 1}),
         ValueError,
-        ["forces[0].signal", "unknown signal type None", "sum, position, velocity"],
+        ["forces[0].signal", "the type of the signal is missing", "sum, position, velocity"],
     ),
     (lambda: loaded({"type": "sine", "amplitude": 1}), TypeError, ["forces[0].signal", "sine", "frequency"]),
     (lambda: loaded({"type": "step", "time": INF}), ValueError, ["forces[0].signal", "step: time", "inf"]),
