@@ -192,16 +192,14 @@ def _ledger(samples: Samples) -> EnergyLedger:
             "energy: the points between the outputs were not kept, so no power can be integrated; "
             "simulate with dense_output=True"
         )
-    system, links = samples.system, _Links(samples.system)
-    labels = _labels(links)
-    m = links.rows.size
-    work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, links))
-    names = [system.rows[j].name for j in links.rows.tolist()]
+    system, springs = samples.system, _Springs(samples.system)
+    names = [row.name for row in system.rows if row.kind == "friction"]
+    labels, m = _labels(springs), len(names)
+    work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, springs))
     heat = dict(zip(names, work[2 : 2 + m], strict=True))
     dampers = dict(zip(labels, work[2 + m :], strict=True))
     kinetic = 0.5 * system.inertia @ samples.y[: system.n] ** 2
-    spring = 0.5 * links.stiffness @ links.stretch(samples.y) ** 2
-    spring += 0.5 * links.gaps.stiffness @ links.gaps.depth(samples.y) ** 2
+    spring = 0.5 * springs.stiffness[:, 0] @ springs.depth(samples.y) ** 2
     given, taken = _jumps(samples)
     drives, none = work[1] + given, np.zeros(samples.t.size)
     found = EnergyLedger(samples.t, kinetic, spring, work[0], drives, heat, dampers, taken, none)
@@ -232,16 +230,13 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     rows = (system.is_stop | system.is_one_way).nonzero()[0]
     given = np.zeros(len(trajectory.pieces))
     taken = np.zeros((rows.size, given.size))
-    struck: list[int] = []
-    if not (system.is_friction | system.is_gap).all():
-        struck = [k for k, piece in enumerate(trajectory.pieces) if piece.impulses is not None]
-    if struck:
-        numbers = np.array(struck, dtype=np.intp)
-        first = numbers == 0
-        ends = np.array([trajectory.pieces[k - 1].end if k else 0.0 for k in struck])
-        before = Samples.at_local(trajectory, np.maximum(numbers - 1, 0), ends)
+    # impacts are kept with motions of the whole scene
+    pieces = [piece for piece in trajectory.whole if piece.impulses is not None]
+    if pieces:
+        numbers = trajectory.numbers[[piece.impulses is not None for piece in trajectory.whole]]
+        first, earlier = numbers == 0, np.maximum(numbers - 1, 0)
+        before = Samples.at_local(trajectory, earlier, np.where(first, 0.0, trajectory.ends[earlier]))
         after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))
-        pieces = [trajectory.pieces[k] for k in struck]
         impulses = np.array([piece.impulses for piece in pieces], dtype=float).T
         lost = np.array([piece.lost for piece in pieces], dtype=float).T
         taken[:, numbers] = lost[rows]
@@ -258,45 +253,41 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     return np.cumsum(given)[samples.piece_of], by_name
 
 
-class _Links:
-    """Springs and dampers as arrays; `ends` are their coefficients on bodies and drives."""
+class _Springs:
+    """Springs and dampers, and after them gaps, as arrays: a spring is a gap whose two limits are its rest.
+
+    Attributes
+    ----------
+    ends : sparse (k, n + drives)
+        Their coefficients on bodies and drives.
+    couplings : int
+        How many are springs and dampers.
+    rows : array of int
+        The rows of the gaps.
+    damped : array of int
+        Those that have damping.
+    """
 
     def __init__(self, system: System) -> None:
-        couplings = system.couplings
-        self.labels = [link.label for link in couplings]
-        self.rows = system.is_friction.nonzero()[0]
-        self.stiffness = np.array([link.stiffness for link in couplings])
-        self.damping = np.array([link.damping for link in couplings])
-        self.damped = (self.damping > 0).nonzero()[0]
-        self._rest = np.array([link.rest for link in couplings])
-        self.ends = _coefficients([link.coefficients for link in couplings], system)
-        self.gaps = _Gaps(system)
-        self._system = system
-
-    def stretch(self, y: Array) -> Array:
-        """Return the stretches beyond rest of all links in m or rad, 0 where nothing is stiff."""
-        found = self.ends @ _positions(self._system, y) - self._rest[:, None]
-        return np.where(self.stiffness[:, None] > 0, found, 0.0)
-
-
-class _Gaps:
-    """Gaps as arrays."""
-
-    def __init__(self, system: System) -> None:
-        gaps = system.scene.gaps
-        self.rows = system.is_gap.nonzero()[0]
-        self.stiffness = np.array([gap.stiffness for gap in gaps])
-        self.damped = np.array([k for k, gap in enumerate(gaps) if gap.damping], dtype=np.intp)
-        self.labels = [gaps[k].label for k in self.damped.tolist()]
-        self._lower, self._upper = (np.array([[getattr(g, x)] for g in gaps]) for x in ("lower", "upper"))
-        self._ends = _coefficients([system.rows[j].coefficients for j in self.rows.tolist()], system)
-        self._system = system
+        links, gaps = system.couplings, system.scene.gaps
+        self.couplings, self.rows, self._system = len(links), system.is_gap.nonzero()[0], system
+        self.labels = [one.label for one in (*links, *gaps)]
+        self.stiffness, self.damping = (
+            np.array([getattr(one, name) for one in (*links, *gaps)])[:, None] for name in ("stiffness", "damping")
+        )
+        self.damped = (self.damping[:, 0] > 0).nonzero()[0]
+        rests = [link.rest for link in links]
+        self._lower, self._upper = (
+            np.array([*rests, *(getattr(gap, name) for gap in gaps)])[:, None] for name in ("lower", "upper")
+        )
+        rows = [*links, *(system.rows[j] for j in self.rows.tolist())]
+        self.ends = _coefficients([row.coefficients for row in rows], system)
 
     def depth(self, y: Array) -> Array:
-        """Return how far all gaps are beyond their upper limit, negative beyond the lower one, in m or rad."""
-        if not self.rows.size:
-            return np.zeros((0, y.shape[1]))
-        stretch = self._ends @ _positions(self._system, y)
+        """Return how far stretches are beyond upper limits, negative beyond lower ones, in m or rad."""
+        positions = np.zeros((self.ends.shape[1], y.shape[1]))
+        positions[self._system.placed] = y[self._system.n : self._system.first_bristle]
+        stretch = self.ends @ positions
         return np.asarray(np.maximum(stretch - self._upper, 0.0) + np.minimum(stretch - self._lower, 0.0))
 
 
@@ -308,17 +299,10 @@ def _coefficients(rows: Sequence[Mapping[int, float]], system: System) -> Any:
     return scipy.sparse.csr_array((values[:, 2], places), shape=(len(rows), system.n + system.drives))
 
 
-def _positions(system: System, y: Array) -> Array:
-    """Return the positions of all bodies and drives, 0 where they are no states."""
-    positions = np.zeros((system.n + system.drives, y.shape[1]))
-    positions[system.placed] = y[system.n : system.first_bristle]
-    return positions
-
-
-def _labels(links: _Links) -> list[str]:
+def _labels(springs: _Springs) -> list[str]:
     """Return the names of what is damped; one that returns is numbered."""
     found: list[str] = []
-    for name in (*(links.labels[k] for k in links.damped.tolist()), *links.gaps.labels):
+    for name in (springs.labels[k] for k in springs.damped.tolist()):
         label, count = name, 1
         while label in found:
             count += 1
@@ -327,21 +311,20 @@ def _labels(links: _Links) -> list[str]:
     return found
 
 
-def _powers(at: Samples, links: _Links) -> Array:
-    """Return the powers in W, a line each: of loads, of drives, heat of rows, heat of dampers."""
+def _powers(at: Samples, springs: _Springs) -> Array:
+    """Return the powers in W, a line each: of loads, of drives, heat of contacts, heat of dampers."""
     system, velocities = at.system, at.velocities()
-    forces = at.forces
+    forces, count = at.forces, springs.couplings
     pushes = system.push_C @ at.y + system.push_Q @ at.inputs
     loads = (pushes * velocities[: system.n]).sum(axis=0)
-    rates = links.ends @ velocities
-    pulls = links.stiffness[:, None] * links.stretch(at.y) + links.damping[:, None] * rates
+    rates, elastic = springs.ends @ velocities, springs.stiffness * springs.depth(at.y)
+    drag = springs.damping * rates
+    # the damping of a gap is clipped
+    drag[count:] = forces[springs.rows] - elastic[count:]
     drives = np.zeros_like(loads)
     if system.drives:
-        # what the rows and links take from a drive is what it gives
-        given = system.D.T @ forces + links.ends[:, system.n :].T @ pulls
+        # what the rows and springs take from a drive is what it gives
+        given = system.D.T @ forces + springs.ends[:count, system.n :].T @ (elastic + drag)[:count]
         drives = (given * at.drive_velocities).sum(axis=0)
-    heat = links.damping[links.damped, None] * rates[links.damped] ** 2
-    gaps, w = links.gaps, at.relative_velocities
-    elastic = gaps.stiffness[:, None] * gaps.depth(at.y)
-    dragged = ((forces[gaps.rows] - elastic) * w[gaps.rows])[gaps.damped]
-    return np.concatenate([[loads], [drives], (forces * w)[links.rows], heat, dragged])
+    heat = (forces * at.relative_velocities)[system.is_friction]
+    return np.concatenate([[loads], [drives], heat, (drag * rates)[springs.damped]])
