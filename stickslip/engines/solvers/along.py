@@ -58,18 +58,6 @@ class Along:
             found[:, taus <= guards.told] = np.inf
         return found
 
-    def value(self, row: int, tau: float, late: bool = False) -> float:
-        """Return the same of one guard at one local time."""
-        if not self.are_exact[row]:
-            return float(self.values(np.array([row]), np.array([tau]), late)[0, 0])
-        if tau <= self.guards.told:
-            return np.inf
-        ends = self.path.taus
-        step = min(max(int(ends.searchsorted(tau, "right")) - 1, 0), ends.size - 2)
-        left, right = ends[step : step + 2].tolist()
-        found = _clenshaw(self._coefficients[row, step].tolist(), 2 * (tau - left) / (right - left) - 1)
-        return found + float(self.guards.leeway[row]) if late else found
-
     def root(self, row: int, step: int, right: float, late: bool) -> float:
         """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
@@ -83,7 +71,7 @@ class Along:
         else:
 
             def value(tau: float) -> float:
-                return self.value(row, tau, late)
+                return float(self.values(np.array([row]), np.array([tau]), late)[0, 0])
 
         # at both ends signs may be roundoff
         if value(left) <= 0:

@@ -68,13 +68,10 @@ def _last_before(along: Along, row: int, end: float, late: bool) -> int | None:
     """Return the last point before `end` at which a guard is not negative, None where it was so from the start."""
     taus, rows = along.path.taus, np.array([row])
     last, count = int(taus.searchsorted(end)) - 1, _FEW
-    # mostly it is the nearest
-    if last >= 0 and along.value(row, float(taus[last]), late) >= 0:
-        return last
-    while last > 0:
-        first = max(last - count, 0)
-        before = (along.values(rows, taus[first:last], late)[0] >= 0).nonzero()[0]
+    while last >= 0:
+        first = max(last - count + 1, 0)
+        before = (along.values(rows, taus[first : last + 1], late)[0] >= 0).nonzero()[0]
         if before.size:
             return first + int(before[-1])
-        last, count = first, 2 * count
+        last, count = first - 1, 2 * count
     return None
