@@ -134,7 +134,6 @@ class Balance:
                 U.add(tree.U)
                 own = tree.dependent
                 self._large.append((rows, tree))
-                S.block(rows, first + np.arange(own.size), np.zeros((rows.size, own.size)))
             else:
                 part = component(rows)
                 T.add(part.T)
