@@ -95,6 +95,16 @@ class Run:
         # whether the motion from here on is not to be followed part by part
         self._as_a_whole = False
 
+    def to_end(self) -> None:
+        """Follow the motion to the end of the time span, or to where an event of the user stops it: the main loop."""
+        self.begin()
+        while not self.timeline.is_over and self.stopped is None:
+            self.advance()
+            if self._interruption.show is not None:
+                self._interruption.show(0.0)
+            if self._interruption.pressed:
+                raise KeyboardInterrupt
+
     def begin(self) -> None:
         """Settle the modes at the start."""
         system, t = self.system, self.timeline.t

@@ -204,16 +204,10 @@ class _Simulation:
         run, timeline, interruption = self._run, self._run.timeline, self._task.interruption
         bar = _bar(timeline.duration) if progress else None
         if bar is not None:
-            interruption.show = lambda tau: _advance_bar(bar, timeline.gone + tau)
+            interruption.show = lambda tau: bar.update(max(timeline.gone + tau - bar.n, 0.0))
         try:
             with interruption:
-                run.begin()
-                while not timeline.is_over and run.stopped is None:
-                    run.advance()
-                    if bar is not None:
-                        _advance_bar(bar, timeline.gone)
-                    if interruption.pressed:
-                        raise KeyboardInterrupt
+                run.to_end()
         except SolverFailure as failure:
             cause = failure.__cause__ or failure
             sentence = self._whose(cause) + failure.sentence
@@ -299,10 +293,6 @@ class _Simulation:
             "engine": self._title,
         }
         return self._recorder.result(message, status, stats)
-
-
-def _advance_bar(bar: Any, t: float) -> None:
-    bar.update(max(t - bar.n, 0.0))
 
 
 def _bar(span: float) -> Any:
