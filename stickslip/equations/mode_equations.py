@@ -146,7 +146,6 @@ class ModeEquations:
         self.law = VelocityDependentForces([system.laws.laws[j] for j in rows.tolist()], directions)
         self.bristle_places = np.array([system.bristle_state[j] for j in rows[self.law.bristles]], dtype=np.intp)
         self._alone: dict[int, VelocityDependentForces] = {}
-        self._mobility: dict[int, float] = {}
 
     # -- piecewise-linear functions --------------------------------------------------------------------------
 
@@ -429,11 +428,8 @@ class ModeEquations:
 
     def mobility(self, row: int) -> float:
         """Return the relative acceleration of a row by a force of 1 N or N m along it."""
-        found = self._mobility.get(row)
-        if found is None:
-            pull = dense(self.system.G[[row]])[0]
-            found = self._mobility[row] = float(pull @ self.balance.accelerations(pull))
-        return found
+        pull = dense(self.system.G[[row]])[0]
+        return float(pull @ self.balance.accelerations(pull))
 
     def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
         """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""

@@ -94,7 +94,6 @@ class System:
         self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(self._balance)
         self._components = Components(self.inertia, self.G, self.D)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
-        self.decays = lru_cache(maxsize=8)(self._decays)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
@@ -490,7 +489,7 @@ class System:
         limit = self.laws.slips_beyond
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
 
-    def _decays(self, order: int) -> Array:
+    def decays(self, order: int) -> Array:
         """Return the sizes of the Taylor coefficients of ``exp(-t / dwell)`` of rows with a dwell, a line per order."""
         k = np.arange(order + 1)[:, None]
         return np.asarray(self.dwell[self.dwelling] ** -k / np.cumprod(np.maximum(k, 1), axis=0))

@@ -6,8 +6,8 @@ import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import fields
+from typing import Any, NamedTuple
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
@@ -94,16 +94,17 @@ def _arrays(result: Outcome) -> dict[str, Any]:
     return arrays
 
 
-@dataclass(frozen=True)
-class Kept:
-    """What a file holds of a result."""
+class Kept(NamedTuple):
+    """What a file holds of a result: what that is made of, in order."""
 
-    samples: Samples
+    scene: Scene
     events: list[Event]
     success: bool
     status: int
     message: str
     stats: dict[str, Any]
+    trajectory: Trajectory
+    samples: Samples
 
 
 def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Kept | list[Kept]:
@@ -156,7 +157,8 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
     trajectory = Trajectory(system, Span(start, stop, about["stepped"]), Pieces.of(parts))
     samples = Samples(trajectory, data["t"], data["piece_of"].astype(np.intp), data["taus"], data["y"])
     events = [_event_from_dict(row) for row in about["events"]]
-    return Kept(samples, events, about["success"], about["status"], about["message"], about["stats"])
+    ended = about["success"], about["status"], about["message"], about["stats"]
+    return Kept(simulated, events, *ended, trajectory, samples)
 
 
 def _pieces(data: Mapping[str, Any], count: int) -> tuple[Piece, ...]:

@@ -28,18 +28,4 @@ def load(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Result |
         If it is not such a file, or the scene is missing, or other names or sizes show that it is another one.
     """
     found = files.read(path, scene)
-    return Joined(tuple(map(_result, found))) if isinstance(found, list) else _result(found)
-
-
-def _result(kept: files.Kept) -> Result:
-    trajectory = kept.samples.trajectory
-    return Result(
-        trajectory.system.scene,
-        kept.events,
-        kept.success,
-        kept.status,
-        kept.message,
-        dict(kept.stats),
-        trajectory,
-        kept.samples,
-    )
+    return Joined(tuple(Result(*kept) for kept in found)) if isinstance(found, list) else Result(*found)
