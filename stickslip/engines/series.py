@@ -100,7 +100,7 @@ class Series:
 
     def _next(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, is_begun: bool) -> _Step:
         """Return the step from local time `tau` on, past levels that rise and sines where that can be."""
-        bends = motion.is_rising(tau) or motion.segment.has_waves
+        bends = motion.is_rising(tau) or motion.segment.has_sines
         # where springs and dampers act, a first step tells whether the motion is a long one
         if bends and (is_begun or motion.is_polynomial) and motion.may_be_bounded:
             step = self._past_bounds(motion, guards, tau, y, longest)
@@ -115,12 +115,12 @@ class Series:
         guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step
         would be short beside dwells and periods.
         """
-        if tau == 0 and motion.segment.has_waves and not guards.is_plain:
+        if tau == 0 and motion.segment.has_sines and not guards.is_plain:
             # a guard that leaves 0 is told from it by what the sine does
             return None
         step = self._step(motion, guards, tau, y, longest, True)
         if step.root is None or guards.is_followed_frozen(step.guard):
-            # what rises or swings does not change this guard
+            # what rises or oscillates does not change this guard
             return step
         if step.touched is not None:
             return None
@@ -142,7 +142,7 @@ class Series:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
             h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
         terms, g = expansion.y, guards.series(expansion)
-        if frozen and motion.segment.has_waves:
+        if frozen and motion.segment.has_sines:
             g = np.concatenate([g[:1] - guards.allowance, g[1:]])
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards)

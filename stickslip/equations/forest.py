@@ -191,7 +191,7 @@ class Forest:
 
     def takes(self, segment: Segment) -> bool:
         """Tell whether the loads of a segment are lines and sines, and no sine opens a contact."""
-        if not segment.has_waves:
+        if not segment.has_sines:
             return True
         last = segment.value + (segment.stop - segment.start) * segment.slope
         least = np.minimum(segment.value, last) - segment.amplitudes

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from stickslip.equations.algebra.matrices import scaled
-from stickslip.equations.loads.loads import Waves
+from stickslip.equations.loads.loads import SineTurns
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_quickly_made
@@ -125,7 +125,7 @@ class GuardRows:
         self.may_stick[: slip.size] = system.holds_more[side[slip], slip]
         """Velocities of contacts that hold more at rest than in motion."""
         self.has_normals = bool(pressed.size)
-        self._sizes: dict[tuple[int, Waves], Array | None] = {}
+        self._sizes: dict[tuple[int, SineTurns], Array | None] = {}
 
     @cached_property
     def is_dwelling(self) -> Mask:
@@ -179,16 +179,16 @@ class GuardRows:
         found[self.rising] -= self.rise[:, None] * q[self.dwell]
         return np.asarray(found)
 
-    def sizes(self, order: int, waves: Waves) -> Array | None:
+    def sizes(self, order: int, sine_turns: SineTurns) -> Array | None:
         """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
 
         It takes what adds up in states, inputs, their slopes, dwells and theirs, and the amplitudes of sines
         (`Inputs.adding_up`).
         """
-        key = order, waves
+        key = order, sine_turns
         if key not in self._sizes:
-            equations, entries = self._equations, np.array(waves[0], dtype=np.intp)
-            system, turns = equations.system, np.abs(np.array(waves[1]))
+            equations, entries = self._equations, np.array(sine_turns[0], dtype=np.intp)
+            system, turns = equations.system, np.abs(np.array(sine_turns[1]))
             parts = [system.size, *2 * [system.inputs], *2 * [system.dwelling.size], entries.size]
             columns, found = sum(parts), None
             # it takes a product for each order

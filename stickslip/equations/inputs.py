@@ -217,10 +217,10 @@ class Inputs:
         return found
 
     @cached_property
-    def waves_rest(self) -> bool:
+    def sines_rest(self) -> bool:
         """Whether sines move nothing: they only push on what rests, or press it."""
         segment, equations = self.segment, self.equations
-        if not segment.has_waves:
+        if not segment.has_sines:
             return True
         system, entries = self.system, segment.amplitudes.nonzero()[0]
         # each by itself: two that cancel at their peaks move something all the same
@@ -233,9 +233,9 @@ class Inputs:
     @property
     def may_be_bounded(self) -> bool:
         """Whether what bends the guards alone, rising levels and sines, moves nothing."""
-        if self.segment.has_waves and self.dependence is not None:
+        if self.segment.has_sines and self.dependence is not None:
             return False
-        return not self.rises_push and self.waves_rest
+        return not self.rises_push and self.sines_rest
 
     # -- series --------------------------------------------------------------------------------------------
 
@@ -259,7 +259,7 @@ class Inputs:
 
     def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> Array:
         """Return the Taylor coefficients of inputs and dwells without what depends on the state, a row per order."""
-        series = self.segment.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
+        series = self.segment.taylor(self.t + tau, order, scale, not (frozen and self.sines_rest))
         if not self.system.dwelling.size:
             return series
         full = np.zeros((order + 1, self.system.inputs_and_dwells))
@@ -314,7 +314,7 @@ class Inputs:
         if of_time:
             begin = size + 2 * self.system.inputs + self._rising[self._age == 0]
             found[begin] = found[begin + self.system.dwelling.size] = 0.0
-        return np.concatenate([found, np.abs(segment.sines.amplitude)]) if segment.has_waves else found
+        return np.concatenate([found, np.abs(segment.sines.amplitude)]) if segment.has_sines else found
 
     @property
     def _rises_with_state(self) -> bool:
@@ -322,9 +322,9 @@ class Inputs:
         return self.dependence is not None and self._rises_among(self.dependence.rows)
 
     @property
-    def _rises_with_waves(self) -> bool:
+    def _rises_with_sines(self) -> bool:
         """Whether a level rises to whose normal force sines are added."""
-        return self.segment.has_waves and self._rises_among(self.segment.waves[0])
+        return self.segment.has_sines and self._rises_among(self.segment.sine_turns[0])
 
     def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
         """Tell whether a static coefficient of one of these rows still rises at the start."""
@@ -347,7 +347,7 @@ class Inputs:
             normals = parts[:, self._rising_rows]
             decay = self.system.decays(order)[:, self._rising]
             rises = np.zeros(normals.shape)
-            for k in range(order + 1 if self.segment.has_waves else 2):
+            for k in range(order + 1 if self.segment.has_sines else 2):
                 rises[k:] += decay[: order + 1 - k] * normals[k]
             if of_time:
                 rises[:, self._age == 0] = 0.0

@@ -21,7 +21,7 @@ from stickslip.equations.algebra.matrices import (
 )
 from stickslip.equations.balance import joined
 from stickslip.equations.guard_rows import GuardRows
-from stickslip.equations.loads.loads import TableRegions, Waves
+from stickslip.equations.loads.loads import SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_small
@@ -111,7 +111,7 @@ class ModeEquations:
         self._guard_rows: dict[bytes, GuardRows] = {}
         self._quantities = system.size + self.watched_count + self.guards.size
         self.is_small = is_small(system, self._quantities, 0)
-        self._maps: dict[tuple[bool, TableRegions, Waves], TaylorMap] = {}
+        self._maps: dict[tuple[bool, TableRegions, SineTurns], TaylorMap] = {}
         # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
         # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (self.velocity_dependent.size > 0 or self.is_small)
@@ -308,16 +308,16 @@ class ModeEquations:
         guards = self.guards
         return np.vstack([self._AE, guards.by_state]), np.vstack([self._BH, guards.by_input])
 
-    def taylor(self, order: int, frozen: bool, table_regions: TableRegions, waves: Waves) -> TaylorMap | None:
+    def taylor(self, order: int, frozen: bool, table_regions: TableRegions, sine_turns: SineTurns) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order at least, None where it would be large.
 
         Where it is `frozen` static coefficients keep their values.
         """
-        key = frozen, table_regions, waves
+        key = frozen, table_regions, sine_turns
         found = self._maps.get(key)
         if found is None or found.order < order:
             system = self.system
-            if not is_small(system, self._quantities, len(waves[0])):
+            if not is_small(system, self._quantities, len(sine_turns[0])):
                 return None
             of, link = system.dependence, None
             if of is not None:
@@ -325,7 +325,7 @@ class ModeEquations:
             if not frozen and (self.feeds_back or of is not None):
                 # what follows the start asks for more
                 order = max(order, ORDER)
-            found = TaylorMap(system, *self._with_guards, self.consistent, order, frozen, link, waves)
+            found = TaylorMap(system, *self._with_guards, self.consistent, order, frozen, link, sine_turns)
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found

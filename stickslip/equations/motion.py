@@ -13,7 +13,7 @@ from stickslip.equations.algebra.floats import Sums, rates_of, smallest_of
 from stickslip.equations.algebra.matrices import assembled, dense
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
-from stickslip.equations.loads.loads import NO_WAVES, Segment
+from stickslip.equations.loads.loads import NO_SINE_TURNS, Segment
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.equations.taylor import TaylorMap
@@ -381,11 +381,13 @@ class Motion(Inputs):
         `frozen`, static coefficients keep the values that they have at `tau`, and sines that move nothing are left out.
         """
         equations, size = self.equations, self.system.size
-        swings = self.segment.has_waves and not (frozen and self.waves_rest)
-        if equations.is_small and not (self._rises_with_state or (swings and self._rises_with_waves)):
-            taylor = equations.taylor(order, frozen, self.table_regions, self.segment.waves if swings else NO_WAVES)
+        with_sines = self.segment.has_sines and not (frozen and self.sines_rest)
+        if equations.is_small and not (self._rises_with_state or (with_sines and self._rises_with_sines)):
+            taylor = equations.taylor(
+                order, frozen, self.table_regions, self.segment.sine_turns if with_sines else NO_SINE_TURNS
+            )
             if taylor is not None and taylor.reaches(scale):
-                found = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
+                found = taylor.over(self._derivatives(taylor, tau, y, with_sines), scale, order)
                 own = found[:, :size]
                 return Expansion.of(
                     found, size, equations.watched_count, lambda: self._all_series(tau, own, scale, frozen)
@@ -423,10 +425,12 @@ class Motion(Inputs):
             finite = linked is None and not following.any()
         return Expansion.of(whole, size, equations.watched_count, q)
 
-    def _derivatives(self, taylor: TaylorMap, tau: float, y: Array, swings: bool) -> Array:
+    def _derivatives(self, taylor: TaylorMap, tau: float, y: Array, with_sines: bool) -> Array:
         """Return from what all Taylor coefficients follow at local time `tau`."""
         x = self._extended(tau, y)
-        return taylor.derivatives(np.concatenate([x, self.segment.swings(self.t + tau)]) if swings else x)
+        return taylor.derivatives(
+            np.concatenate([x, self.segment.sines_and_cosines(self.t + tau)]) if with_sines else x
+        )
 
     def magnitudes(self, order: int, from_rates: bool = False, of_time: bool = False) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
@@ -452,8 +456,8 @@ class Motion(Inputs):
     def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
         """Return the same of guards, an order per row; `of_time` without dwells that begin at the start."""
         sizes = None
-        if not (self.dependence is not None or self.segment.has_functions or self._rises_with_waves):
-            sizes = rows.sizes(order, self.segment.waves)
+        if not (self.dependence is not None or self.segment.has_functions or self._rises_with_sines):
+            sizes = rows.sizes(order, self.segment.sine_turns)
         if sizes is None:
             return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order, of_time=of_time)])
         found: Array = (sizes @ self.adding_up(of_time)).reshape(order + 1, -1)

@@ -15,7 +15,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from stickslip.equations.loads.loads import Waves
+from stickslip.equations.loads.loads import SineTurns
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
@@ -25,9 +25,9 @@ _QUICKLY_MADE = 10_000  # entries of a matrix that takes no longer to make than 
 _FASTEST = 1e12  # products of rate and step beyond which powers of them may overflow
 
 
-def is_small(system: System, rows: int, waves: int) -> bool:
+def is_small(system: System, rows: int, sines: int) -> bool:
     """Tell whether the matrices of the coefficients of so many quantities are worth making."""
-    columns = system.size + 2 * (system.inputs_and_dwells + waves)
+    columns = system.size + 2 * (system.inputs_and_dwells + sines)
     return not system.sparse and columns * rows <= _MOST_ENTRIES
 
 
@@ -54,10 +54,10 @@ class TaylorMap:
         order: int,
         frozen: bool,
         link: Callable[[Array, Array], None] | None,
-        waves: Waves,
+        sine_turns: SineTurns,
     ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
-        entries, turns = (np.array(x, dtype=kind) for x, kind in zip(waves, (np.intp, float), strict=True))
+        entries, turns = (np.array(x, dtype=kind) for x, kind in zip(sine_turns, (np.intp, float), strict=True))
         sizes = [size, inputs, inputs, dwelling.size, dwelling.size, entries.size, entries.size]
         x = np.eye(sum(sizes))
         y, q, slopes, dwells, dwell_slopes, sines, cosines = (

@@ -131,7 +131,7 @@ def test_a_drive_s_acceleration_follows_its_velocity() -> None:
 def test_sums_of_lines_sines_and_functions() -> None:
     load = sine(1.0, 2.0, phase=0.3, offset=0.5) + piecewise_linear([0, 2], [0, 4]) + signal(math.exp)
     segment = one(load).after(0.0)
-    assert segment.has_functions and segment.has_waves
+    assert segment.has_functions and segment.has_sines
     for t in (0.0, 0.7, 1.9):
         exact = 0.5 + math.sin(4 * math.pi * t + 0.3) + 2 * t + math.exp(t)
         assert segment.at(t)[0] == pytest.approx(exact, rel=1e-14)

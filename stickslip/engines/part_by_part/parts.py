@@ -133,14 +133,14 @@ class Parts:
     def is_bent(self) -> Mask:
         """Which bodies follow no polynomial: neither the ground leads them nor a drive without sines."""
         lead, prescribed = self.groups.lead, self.prescribed
-        return np.asarray(prescribed.bends_with[lead] if prescribed.drives_swing else lead == UNLED)
+        return np.asarray(prescribed.bends_with[lead] if prescribed.drives_have_sines else lead == UNLED)
 
     def bends(self, bodies: Indices) -> bool:
         """Tell whether the series of some bodies hold for a while only."""
         if not self.has_series:
             return False
         prescribed = self.prescribed
-        return bool(prescribed.bends_with[self.groups.lead[bodies]].any() or prescribed.swings[bodies].any())
+        return bool(prescribed.bends_with[self.groups.lead[bodies]].any() or prescribed.feels_sines[bodies].any())
 
     def rub(self, bodies: Indices) -> None:
         """Enter the friction of moving rows among the forces on some bodies."""
@@ -203,9 +203,9 @@ class Parts:
         straight = np.asarray(self._force[bodies] @ moved)
         if self._any_led and self._led[bodies].any():
             straight = self._with_led_gaps(straight, bodies, t)
-        if not (prescribed.has_waves and prescribed.swings[bodies].any()):
+        if not (prescribed.has_sines and prescribed.feels_sines[bodies].any()):
             return straight
-        found = prescribed.waves(bodies, t)
+        found = prescribed.sine_forces(bodies, t)
         found[:, : straight.shape[1]] += straight
         if prescribed.rows.any:
             rows = distinct(self.rows_at(bodies))
@@ -442,7 +442,7 @@ class Parts:
         # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
         factorial = self._factorial[: order + 1, None]
         given = fixed[:, :order].T * factorial[:-1]
-        if not self.prescribed.drives_swing:
+        if not self.prescribed.drives_have_sines:
             given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
         # what drives lead follows them
         factor, led = unit * share, series[:, 1 : 1 + len(given)].T * factorial[1 : 1 + len(given)]
@@ -562,8 +562,8 @@ class Parts:
         forest, bodies = self.forest, patch.bodies
         live = self.is_bent
         live[bodies[patch.row[live[patch.near]]]] = True
-        if self.prescribed.has_waves:
-            live |= self.prescribed.swings
+        if self.prescribed.has_sines:
+            live |= self.prescribed.feels_sines
         if forest.row_of is None:
             groups = np.unique(self.groups.of[bodies[live[bodies]]])
             for g in groups[groups >= forest.n].tolist():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.part_by_part.swings import Lines, Swings
+from stickslip.engines.part_by_part.sine_shares import Lines, SineShares
 from stickslip.equations.forest import Forest
 from stickslip.equations.loads.drives import Drives
 from stickslip.equations.motion import Motion
@@ -27,9 +27,9 @@ class Prescribed:
         Whether springs, dampers or sines move bodies: else all is a polynomial.
     unit : float
         Series are in powers of the time over it.
-    has_waves : bool
+    has_sines : bool
         Whether there are sines.
-    swings : array (n,) of bool
+    feels_sines : array (n,) of bool
         Bodies that sines reach at once: by a force, or by what a row of theirs watches.
     bends_with : array (d + 2,) of bool
         Whether what leads a body makes it no polynomial: each drive, nothing, the ground.
@@ -37,7 +37,7 @@ class Prescribed:
         Normal forces at the start and their slopes, without sines.
     normals, drive_velocities : Lines
         Normal forces and velocities of drives as series from any time on, with sines.
-    rows : Swings
+    rows : SineShares
         The sines of normal forces.
     drives : Drives
     force : array (n, 3)
@@ -49,11 +49,11 @@ class Prescribed:
     def __init__(self, forest: Forest, motion: Motion, acts: Any) -> None:
         system = motion.system
         self.start, self.stop = motion.t, motion.segment.stop
-        self._find_swings(forest, motion, acts)
-        self.has_series = forest.is_coupled or self.has_waves
+        self._find_sines(forest, motion, acts)
+        self.has_series = forest.is_coupled or self.has_sines
         self.unit = forest.unit if self.has_series else self.stop - self.start
         self._terms = forest.order + 1
-        q, slope = motion.segment.taylor(motion.t, 1, waves=False)
+        q, slope = motion.segment.taylor(motion.t, 1, sines=False)
         self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
         self.normals = Lines(self.normal, motion.t, self.rows, self.unit, self._terms)
         start = np.zeros(system.drives)
@@ -71,28 +71,28 @@ class Prescribed:
             self.force[:, 1] += pulls @ u[system.carried, 0]
             self.force[:, 2] += pulls @ (0.5 * u[system.carried, 1])
 
-    def _find_swings(self, forest: Forest, motion: Motion, acts: Any) -> None:
+    def _find_sines(self, forest: Forest, motion: Motion, acts: Any) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""
         system, sines = motion.system, motion.segment.sines
-        self.rows = Swings.among(sines, sines.entry, system.m)
+        self.rows = SineShares.among(sines, sines.entry, system.m)
         drive = sines.entry - system.first_drive
-        self._drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
-        self.has_waves = bool(sines.entry.size)
-        self._bodies = self._springs = Swings.none(system.n)
-        if self.has_waves:
-            self._bodies = Swings.of(sines, acts[:, sines.entry])
+        self._drives = SineShares.among(replace(sines, entry=drive), drive, system.drives)
+        self.has_sines = bool(sines.entry.size)
+        self._bodies = self._springs = SineShares.none(system.n)
+        if self.has_sines:
+            self._bodies = SineShares.of(sines, acts[:, sines.entry])
         pulling = np.isin(drive, system.carried).nonzero()[0]
         if pulling.size:
-            # springs to drives that swing
+            # springs to drives with sines
             places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
-            self._springs = Swings.of(sines.some(pulling), system.C[:, places], motion.t)
-        self.swings = self._bodies.moves | self._springs.moves
+            self._springs = SineShares.of(sines.some(pulling), system.C[:, places], motion.t)
+        self.feels_sines = self._bodies.moves | self._springs.moves
         rows = self.rows.moves | (forest.drive >= 0) & np.append(self._drives.moves, False)[forest.drive]
         ends = np.concatenate([forest.child[rows], forest.parent[rows]])
-        self.swings[ends[ends >= 0]] = True
+        self.feels_sines[ends[ends >= 0]] = True
         self.bends_with = np.concatenate([self._drives.moves, [True, False]])
 
-    def waves(self, bodies: Indices, t: float) -> Array:
+    def sine_forces(self, bodies: Indices, t: float) -> Array:
         """Return what sines push some bodies with, as series about `t`."""
         found = self._bodies.series(bodies, t, self._terms, self.unit)
         if self._springs.any:
@@ -104,7 +104,7 @@ class Prescribed:
         return float(self.normal[j, 0] + (t - self.start) * self.normal[j, 1])
 
     @property
-    def drives_swing(self) -> bool:
+    def drives_have_sines(self) -> bool:
         """Whether the velocity of a drive has sines."""
         return self._drives.any
 

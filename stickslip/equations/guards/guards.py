@@ -84,7 +84,7 @@ class Guards(GuardsAtStart):
 
     def is_followed_frozen(self, i: int) -> bool:
         """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
-        return i not in self.rows.rising and (not self.motion.segment.has_waves or self.allowance[i] == 0)
+        return i not in self.rows.rising and (not self.motion.segment.has_sines or self.allowance[i] == 0)
 
     # -- values with zeros divided out -----------------------------------------------------------------------
 

@@ -41,7 +41,7 @@ class Drives:
         u, found = self.velocity[numbers], np.zeros((numbers.size, order + 1))
         found[:, 1] = step * (u[:, 0] + (t - self.since) * u[:, 1])
         found[:, 2] = 0.5 * step * step * u[:, 1]
-        waves = self.sines.taylor_of_gone(self.since, t, order, step)
+        gone = self.sines.taylor_of_gone(self.since, t, order, step)
         for k, drive in enumerate(self.sines.entry.tolist()):
-            found[numbers == drive, 1:] += waves[1:, k]
+            found[numbers == drive, 1:] += gone[1:, k]
         return found

@@ -21,9 +21,9 @@ from stickslip.model.crossings import INSIDE
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 # The entries to which sines are added, and how fast these turn in rad/s.
-Waves = tuple[tuple[int, ...], tuple[float, ...]]
+SineTurns = tuple[tuple[int, ...], tuple[float, ...]]
 
-NO_WAVES: Waves = ((), ())
+NO_SINE_TURNS: SineTurns = ((), ())
 
 # The region of each table in which a motion is; None where tables are looked up.
 TableRegions = tuple[int, ...] | None
@@ -135,7 +135,7 @@ class Loads:
 
     def _segment(self, t: float, stop: float) -> Segment:
         value, slope = self._constant.copy(), np.zeros(self.size)
-        waves: list[tuple[int, float, float, float]] = []
+        sines: list[tuple[int, float, float, float]] = []
         functions: list[tuple[int, Signal]] = []
         count = len(self._signals)
         place_of_rate = {i: count + k for k, i in enumerate(self._rates)}
@@ -150,10 +150,10 @@ class Loads:
             for term in signal.parts(t):
                 if isinstance(term, Sine):
                     value[i] += term.offset
-                    waves.append((i, term.amplitude, term.frequency, term.phase))
+                    sines.append((i, term.amplitude, term.frequency, term.phase))
                     if rate is not None:
                         turn = 2 * math.pi * term.frequency
-                        waves.append((rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi))
+                        sines.append((rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi))
                 elif isinstance(term, (Constant, Line, PiecewiseLinear)):
                     value[i] += term.at(t)
                     slope[i] += term.slope(t)
@@ -163,7 +163,7 @@ class Loads:
                     functions.append((i, term))
                     if rate is not None:
                         functions.append((rate, _slope(term, t, stop)))
-        return Segment(t, stop, value, slope, waves, functions, self._stepped)
+        return Segment(t, stop, value, slope, sines, functions, self._stepped)
 
 
 def _apart(breaks: set[float]) -> set[float]:
@@ -189,7 +189,7 @@ class Segment:
         stop: float,
         value: Array,
         slope: Array,
-        waves: Sequence[tuple[int, float, float, float]],
+        sines: Sequence[tuple[int, float, float, float]],
         functions: Sequence[tuple[int, Signal]],
         is_stepped: bool,
     ) -> None:
@@ -198,19 +198,19 @@ class Segment:
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
         self.is_steady = not slope.any()
-        self.has_waves, self.has_functions = bool(waves), bool(functions)
-        self.is_straight = not waves and not functions
+        self.has_sines, self.has_functions = bool(sines), bool(functions)
+        self.is_straight = not sines and not functions
         self._before_stop = math.nextafter(stop, -math.inf)
-        self._functions, self.sines = functions, Sines.of(waves) if waves else NO_SINES
-        self.waves: Waves = tuple(self.sines.entry.tolist()), tuple(self.sines.turn.tolist())
-        bent = {i for i, *_ in waves} | {i for i, _ in functions}
+        self._functions, self.sines = functions, Sines.of(sines) if sines else NO_SINES
+        self.sine_turns: SineTurns = tuple(self.sines.entry.tolist()), tuple(self.sines.turn.tolist())
+        bent = {i for i, *_ in sines} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
 
     def at(self, t: float) -> Array:
         """Return the inputs at `t`; functions count with their left limit at the end of the segment."""
         q = self.line(t)
         if not self.is_straight:
-            if self.has_waves:
+            if self.has_sines:
                 np.add.at(q, self.sines.entry, self.sines.at(t))
             for i, function in self._functions:
                 q[i] += function(min(t, self._before_stop))
@@ -223,16 +223,16 @@ class Segment:
     @property
     def terms(self) -> int:
         """How many sines and functions there are."""
-        return len(self.waves[0]) + len(self._functions)
+        return len(self.sine_turns[0]) + len(self._functions)
 
     def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
         """Enter the inputs, whose local time runs from `t`, as sums over columns."""
         q[:, 0] = self.line(t)
         q[:, 1] = self.slope
-        if self.has_waves:
+        if self.has_sines:
             sines = self.sines
             angles = zip(sines.angle(t).tolist(), sines.turn.tolist(), strict=True)
-            for i, amplitude, angle in zip(self.waves[0], sines.amplitude.tolist(), angles, strict=True):
+            for i, amplitude, angle in zip(self.sine_turns[0], sines.amplitude.tolist(), angles, strict=True):
                 q[i, columns.add(math.sin, [columns.line(*angle)])] = amplitude
         for i, function in self._functions:
             q[i, columns.add(self._up_to_stop(function), [columns.time(t)])] = 1.0
@@ -250,7 +250,7 @@ class Segment:
             slope = self.slope[only]
             sloping = slope.nonzero()[0]
             q[sloping] += np.multiply.outer(slope[sloping], times - self.start)
-        for k, i in enumerate(self.waves[0]):
+        for k, i in enumerate(self.sine_turns[0]):
             if first <= i < stop:
                 q[i - first] += self.sines.values(k, times)
         for i, function in self._functions:
@@ -261,7 +261,7 @@ class Segment:
     def rate(self, t: float) -> Array:
         """Return the slopes of the inputs at `t`, by differences where the signal of a user tells none."""
         rate = self.slope.copy()
-        if self.has_waves:
+        if self.has_sines:
             np.add.at(rate, self.sines.entry, self.sines.rate(t))
         for i, function in self._functions:
             rate[i] += function.slope(min(t, self._before_stop))
@@ -279,19 +279,19 @@ class Segment:
             return self.line(later)[:count]
         return np.asarray(self.sampled(np.array([later]), slice(count))[:, 0])
 
-    def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:
+    def taylor(self, t: float, order: int, scale: float = 1.0, sines: bool = True) -> Array:
         """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.
 
-        Without `waves`, sines count nothing either.
+        Without `sines`, these count nothing either.
         """
         found = np.zeros((order + 1, self.value.size))
         found[0] = self.line(t)
         found[1:2] = scale * self.slope
-        if self.has_waves and waves:
+        if self.has_sines and sines:
             np.add.at(found.T, self.sines.entry, self.sines.taylor(t, order, scale).T)
         return found
 
-    def swings(self, t: float) -> Array:
+    def sines_and_cosines(self, t: float) -> Array:
         """Return the sines at `t`, and after them the cosines with the same amplitudes."""
         angle, amplitude = self.sines.angle(t), self.sines.amplitude
         return np.concatenate([amplitude * np.sin(angle), amplitude * np.cos(angle)])
@@ -300,7 +300,7 @@ class Segment:
         """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""
         found = np.zeros((order + 1, self.value.size))
         found[0], found[1] = np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)
-        if self.has_waves:
+        if self.has_sines:
             size = np.abs(self.sines.amplitude)
             for k, part in enumerate(found):
                 np.add.at(part, self.sines.entry, size)
@@ -314,14 +314,14 @@ class Segment:
     def amplitudes(self) -> Array:
         """The sum of the amplitudes of the sines in each entry."""
         found = np.zeros(self.value.size)
-        if self.has_waves:
+        if self.has_sines:
             np.add.at(found, self.sines.entry, np.abs(self.sines.amplitude))
         return found
 
     @property
     def longest_period(self) -> float:
         """Longest period in s of the sines."""
-        return float(1.0 / np.abs(self.sines.frequency).min()) if self.has_waves else 0.0
+        return float(1.0 / np.abs(self.sines.frequency).min()) if self.has_sines else 0.0
 
 
 def _jumps(value: Callable[[float], float], times: Sequence[float]) -> list[float]:

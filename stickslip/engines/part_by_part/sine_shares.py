@@ -15,7 +15,7 @@ from stickslip.model.arrays import Array, Indices, Mask
 
 
 @dataclass(frozen=True)
-class Swings:
+class SineShares:
     """What sines add to each of many things: those of thing i stand from ``firsts[i]`` on, with their `shares`.
 
     With `since` it is what they have added up to since then.
@@ -27,18 +27,18 @@ class Swings:
     since: float | None = None
 
     @classmethod
-    def of(cls, sines: Sines, acts: Any, since: float | None = None) -> Swings:
+    def of(cls, sines: Sines, acts: Any, since: float | None = None) -> SineShares:
         """Return them from a matrix with a row for each thing and a column for each sine."""
         acts = scipy.sparse.csr_array(acts)
         return cls(sines.some(acts.indices), acts.indptr.astype(np.intp), acts.data, since)
 
     @classmethod
-    def none(cls, count: int) -> Swings:
-        """Return so many things that do not swing."""
+    def none(cls, count: int) -> SineShares:
+        """Return so many things without sines."""
         return cls(NO_SINES, np.zeros(count + 1, dtype=np.intp), np.empty(0))
 
     @classmethod
-    def among(cls, sines: Sines, things: Indices, count: int) -> Swings:
+    def among(cls, sines: Sines, things: Indices, count: int) -> SineShares:
         """Return them where each sine is a part of the thing with its number; others than `count` are nothing here."""
         own = ((things >= 0) & (things < count)).nonzero()[0]
         if not own.size:
@@ -48,12 +48,12 @@ class Swings:
 
     @cached_property
     def any(self) -> bool:
-        """Whether anything swings."""
+        """Whether there are any."""
         return self.shares.size > 0
 
     @property
     def moves(self) -> Mask:
-        """Which things swing."""
+        """Which things have any."""
         return np.asarray(np.diff(self.firsts) > 0)
 
     @property
@@ -70,12 +70,12 @@ class Swings:
         if places.size:
             own = np.repeat(np.arange(things.size), self.firsts[things + 1] - self.firsts[things])
             sines = self.sines.some(places)
-            waves = (
+            series = (
                 sines.taylor(t, terms - 1, unit)
                 if self.since is None
                 else sines.taylor_of_gone(self.since, t, terms - 1, unit)
             )
-            np.add.at(found, own, self.shares[places, None] * waves.T)
+            np.add.at(found, own, self.shares[places, None] * series.T)
         return found
 
 
@@ -85,17 +85,17 @@ class Lines:
 
     straight: Array  # (k, 2): values and slopes at `start`
     start: float
-    swings: Swings
+    sines: SineShares
     unit: float
-    terms: int  # where they swing; lines have two
+    terms: int  # where they have sines; lines have two
 
     def __call__(self, things: Indices, t: float) -> Array:
         """Return the series of some things from time `t` on, a row for each."""
         found = self.straight[things]
         found[:, 0] += (t - self.start) * found[:, 1]
         found[:, 1] *= self.unit
-        if not self.swings.any:
+        if not self.sines.any:
             return found
-        both = self.swings.series(things, t, self.terms, self.unit)
+        both = self.sines.series(things, t, self.terms, self.unit)
         both[:, :2] += found
         return both
