@@ -395,7 +395,7 @@ class Motion(Inputs):
         return self._expand_by_orders(tau, y, order, scale, frozen)
 
     def _expand_by_orders(self, tau: float, y: Array, order: int, scale: float, frozen: bool) -> Expansion:
-        """Return the same, one order after the other."""
+        """Return what `expand` does, one order after the other."""
         equations, system = self.equations, self.system
         size = system.size
         linked = Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
@@ -454,7 +454,10 @@ class Motion(Inputs):
         return self.equations.magnitudes(np.abs(self.y), np.abs(self.start_inputs))[0]
 
     def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
-        """Return the same of guards, an order per row; `of_time` without dwells that begin at the start."""
+        """Return what adds up in the guards at the start, an order per row.
+
+        If `of_time`, dwells that begin there are left out.
+        """
         sizes = None
         if not (self.dependence is not None or self.segment.has_functions or self._rises_with_sines):
             sizes = rows.sizes(order, self.segment.sine_turns)

@@ -93,7 +93,7 @@ class Signal(Load):
         return self.at(finite(t, "a signal is called with one time in s, which"))
 
     def at(self, t: float) -> float:
-        """Return the same, without a look at what `t` is."""
+        """Return the value at `t`, which is known to be a number."""
         raise NotImplementedError
 
     def slope(self, t: float) -> float:

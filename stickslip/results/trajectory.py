@@ -237,13 +237,13 @@ class Trajectory(PickledByFields):
 
     @cached_property
     def numbers(self) -> Indices:
-        """Their numbers."""
+        """The numbers of the pieces that are stored as a whole."""
         is_whole = np.array([isinstance(part, Piece) for part in self.parts], dtype=bool)
         return np.asarray(self.firsts[is_whole])
 
     @cached_property
     def steps_of_paths(self) -> Blocks:
-        """The steps of their paths, as far as these were kept."""
+        """The steps of the paths of the whole pieces, as far as these were kept."""
         return Blocks([piece.path for piece in self.whole if piece.path is not None])
 
     @cached_property
@@ -265,18 +265,18 @@ class Trajectory(PickledByFields):
 
     @cached_property
     def _modes(self) -> Modes:
-        """Their modes as the equations know them, and those shown, a column each."""
+        """Modes of the whole pieces as the equations know them, and those shown, a column each."""
         both = [[piece.modes for piece in self.whole], [piece.labels for piece in self.whole]]
         return np.array(both, dtype=np.int8).reshape(2, len(self.whole), self.system.m).transpose(0, 2, 1)
 
     @cached_property
     def _since(self) -> Array:
-        """Since when their rows rest, in s, a column each."""
+        """Since when rows rest in the whole pieces, in s, a column each."""
         return np.array([piece.since for piece in self.whole]).reshape(len(self.whole), self.system.m).T
 
     @cached_property
     def _regions(self) -> Regions:
-        """The regions of their piecewise-linear functions, a column each."""
+        """The regions of the piecewise-linear functions in the whole pieces, a column each."""
         regions = np.array([piece.regions for piece in self.whole], dtype=np.int16)
         return regions.reshape(len(self.whole), self.system.piecewise.count).T
 

@@ -81,7 +81,7 @@ class Watch:
         return not self._system.observes_heat
 
     def crossings_of_parts(self, motion: Motion, parts: Parts, begin: float, end: float) -> list[Crossing]:
-        """Return the same of a scene that is followed part by part, between two changes of its series.
+        """Return the events of a scene that is followed part by part, between two changes of its series.
 
         `motion` is where the parts have begun. Local times run from `begin`.
         """

@@ -256,7 +256,7 @@ class Due:
         self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, self.floor(j, t), sticks)
 
     def _refine_held(self, j: int, t: float, due: float) -> None:
-        """Find the same of a held row; a level that rises is followed for as long as its series holds."""
+        """Find the first root of a held row; a level that rises is followed for as long as its series holds."""
         parts, system = self._parts, self._system
         until, dwell = self._until(j), float(system.dwell[j])
         is_rising = False
@@ -296,7 +296,7 @@ class Due:
         return self._parts.end if self.is_bounded[j] else self._parts.stop
 
     def _refine_gap(self, j: int, t: float) -> None:
-        """Find the same of a gap."""
+        """Find the first root of a gap's borders."""
         span = self._until(j) - t
         g, sizes, borders, _ = self._borders(np.array([j]))
         g = self._divided(g, borders)

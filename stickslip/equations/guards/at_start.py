@@ -156,7 +156,10 @@ class GuardsAtStart(GuardValues):
         return [first, AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i]], 0.0
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
-        """Return the same of what is compared with a level, and within what it is at that; None where it is not."""
+        """Return within what the first two derivatives of a guard at its level are roundoff, and how near it is to 0.
+
+        None where it is not at its level.
+        """
         motion, coefficients, majorant = self.motion, self.first, self.majorant
         led = self.rows.is_force[i] and motion.segment.has_functions and motion.equations.is_driven
         rough = (_BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
@@ -242,9 +245,9 @@ class GuardsAtStart(GuardValues):
 
     @cached_property
     def _changes(self) -> Array:
-        """The same without what has cancelled in the rates, orders 0 to 3.
+        """What adds up in the guards, orders 0 to 3, if what cancels in the rates counts no further.
 
-        Beside a stiff damper two forces that cancel would else count in all later orders, more in each.
+        Beside a stiff damper two forces that cancel would count in all later orders, more in each.
         """
         sizes = self.motion.magnitudes(3, from_rates=True)
         return np.array([self.rows.majorants(z, q) for q, z in sizes])
@@ -271,7 +274,7 @@ class GuardsAtStart(GuardValues):
 
     @cached_property
     def value_scale(self) -> Array:
-        """The same for guards of forces and borders; without meaning for velocities."""
+        """The size of what guards of forces and borders compare at the start; without meaning for velocities."""
         if not self.rows.has_borders:
             return self.force_scale
         return np.where(self.is_border, self.majorant[0], self.force_scale)
@@ -284,7 +287,7 @@ class GuardsAtStart(GuardValues):
 
     @cached_property
     def force_scale(self) -> Array:
-        """The same for guards of forces; without meaning for others."""
+        """The size of what guards of forces compare at the start, force and level; without meaning for others."""
         force = self.rows.turn * self.motion.first.z[0][self.rows.source]
         size = np.abs(force) + np.abs(self.first[0] - force)
         return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)

@@ -348,7 +348,7 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def told(self) -> float:
-        """Until when the sign of some guard that leaves 0 is roundoff."""
+        """Local time until which the sign of a guard that leaves 0 is roundoff; -1 where none leaves it."""
         return float(self._roundoff[0][self._leaves].max()) if self._leaves.any() else -1.0
 
     @cached_property
@@ -364,7 +364,10 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def _lift(self) -> Array | None:
-        """What is added before signs are told: that, and what a solver has left below 0 of guards that leave it."""
+        """What is added to guards before their signs are read: `_offset`, and how far a solver started below 0.
+
+        None where no guard is 0 at the start.
+        """
         if self.is_plain:
             return None
         below = np.where(self._leaves, np.maximum(-self.first[0], 0.0), 0.0)

@@ -117,7 +117,7 @@ class Dependence:
         self.read_for_tables = frozenset(place for places in read for place in places.tolist())
         """The places of the inputs on which that depends."""
         self.for_normals = self.before(self._normals.places.tolist())
-        """Those on which normal forces depend."""
+        """The nodes on which normal forces depend."""
 
     def before(self, places: Iterable[int]) -> frozenset[int]:
         """Return the nodes on which inputs depend, at once or by way of others."""

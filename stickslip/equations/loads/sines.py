@@ -68,7 +68,7 @@ class Sines:
         return np.asarray(self.amplitude / math.pi * np.sin(half) / self.frequency * np.sin(self.angle(start) + half))
 
     def taylor_of_gone(self, start: float, t: float, order: int, scale: float) -> Array:
-        """Return the same with its derivatives at `t`, as `taylor` does."""
+        """Return the Taylor coefficients of `gone` at `t`, scaled as in `taylor`."""
         found = np.empty((order + 1, self.frequency.size))
         found[0] = self.gone(start, t)
         found[1:] = self.taylor(t, order - 1, scale) * (scale / np.arange(1.0, order + 1.0)[:, None])

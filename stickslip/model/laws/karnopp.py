@@ -40,7 +40,7 @@ class Karnopp(Law):
 
     @property
     def character(self) -> Character:
-        """That of dry friction, but at rest within the band."""
+        """The character of dry friction, but at rest within the band."""
         return replace(self.core.character, rests_below=self.velocity)
 
     def check_use(self, use: Use) -> None:

@@ -249,7 +249,7 @@ class Follower:
         return self._beyond(_Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
 
     def _past_end(self, near: _Reached, last: _Reached, value: float, every: Array) -> Cycle | Branch | None:
-        """Do so where the branch does not turn smoothly: find its end, and whether cycles of another sequence go on."""
+        """Return what `_past` does where no smooth fold is found: look for its end, and for what goes on there."""
         spacing = value - last.value
         # that one step was too long does not tell where the branch ends
         passed, other = self._last(near._replace(end=value), self._accuracy * abs(spacing))

@@ -208,7 +208,7 @@ class Nearby:
         S: Array,
         is_straight: bool = False,
     ) -> Array:
-        """Return the same at one local time, from one state and its variations S."""
+        """Return `slopes` at one local time, from one state and its variations S."""
         at = np.array([tau])
         return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
 

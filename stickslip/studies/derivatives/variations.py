@@ -150,7 +150,7 @@ class Variation(Nearby):
                 one[..., k] = np.nan
 
     def _refuse_all(self, t: float, why: str, derivatives: Array) -> None:
-        """Do so in all directions."""
+        """Note that there is no derivative in any direction, and why, and make all of them NaN."""
         self._refuse(t, [(k, why) for k in range(self.count)], derivatives)
 
     def give_up(self, k: int, why: str) -> None:

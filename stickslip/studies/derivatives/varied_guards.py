@@ -88,7 +88,7 @@ class VariedGuards:
         return [(int(some[i]), int(k)) for i, k in found]
 
     def moved(self, some: Indices, tau: float, y: Array, S: Array, since: Array, times: Array) -> list[tuple[int, int]]:
-        """Return the same at a local time that changes by `times`, from a state and its variations S."""
+        """Return `moving` guards and directions at a local time that changes by `times`; S are the variations there."""
         if not some.size:
             return []
         slopes = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S)

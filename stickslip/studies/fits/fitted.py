@@ -81,7 +81,7 @@ class Fit:
 
     @property
     def result(self) -> Result:
-        """Its motion."""
+        """The motion of that scene."""
         return self.records[0].result
 
     @property
