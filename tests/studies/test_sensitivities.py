@@ -1462,3 +1462,31 @@ def test_two_equal_stops_at_once_have_two_sides() -> None:
     )
     found = sensitivities(scene, (0.0, 1.5), ["s.restitution"])
     assert math.isnan(found.velocity("m")[0]) and "impacts fall together" in found.reasons[0]
+
+
+def overloaded(*contacts: Contact) -> Scene:
+    return Scene(Body("a", inertia=1.0), Body("b", inertia=1.0), *contacts, Force("b", step(0.5, 0.0, 1.5)))
+
+
+@pytest.mark.parametrize("name", ["c1.normal", "c2.normal", "c1.law.mu_static"])
+def test_of_equal_contacts_in_a_row_that_a_jump_overloads_one_lets_go_alone_near_by(name: str) -> None:
+    """Held, both carry 1.5. If the first one lets go, both bodies go together, else `b` alone: the motion jumps."""
+    law = DryFriction(1.0, 0.5)
+    scene = overloaded(Contact("c1", "a", GROUND, law, normal=1.0), Contact("c2", "b", "a", law, normal=1.0))
+    found = sensitivities(scene, (0.0, 1.7), [name])
+    assert found.velocity("b", 0.4)[0] == 0.0
+    assert math.isnan(found.velocity("b")[0])
+    assert "a jump of a load overloads 'c1' and 'c2' equally" in found.reasons[0]
+    (parameter,) = named_parameters(scene, [name], "test")
+    near = (parameter.set(scene, parameter.value + h) for h in (-1e-6, 1e-6))
+    low, high = (simulate(one, (0.0, 1.7)).velocity("b")[-1] for one in near)
+    assert abs(high - low) > 0.1
+
+
+def test_equal_contacts_side_by_side_that_a_jump_overloads_let_go_together() -> None:
+    """``v' = (1.5 - mu_c (N1 + N2)) / m`` from 0.5 s on, whichever lets go first; `mu_static` does not matter."""
+    law = DryFriction(1.0, 0.5)
+    scene = overloaded(*(Contact(name, "b", GROUND, law, normal=0.6) for name in ("c1", "c2")))
+    found = sensitivities(scene, (0.0, 1.7), ["c1.normal", "c1.law.mu_static", "c1.law.mu_coulomb"])
+    assert not found.reasons
+    assert found.velocity("b").ravel() == pytest.approx([-0.5 * 1.2, 0.0, -0.6 * 1.2], rel=1e-9, abs=1e-9)

@@ -10,8 +10,11 @@ from collections.abc import Iterator
 import numpy as np
 import scipy
 
+from stickslip.equations.balance import joined
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.motion import Motion
+from stickslip.events.search import Search
+from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Modes
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import REST, Nearby, total
@@ -213,6 +216,50 @@ def beyond_break(
     moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
     for k, label in _off_levels(nearby, piece, held, moved, since, times):
         yield k, f"{label} comes to its level on a break of a load"
+    yield from _ties(nearby, number, held, moved, since, times)
+
+
+def _ties(nearby: Nearby, number: int, held: Motion, S: Array, since: Array, times: Array) -> Iterator[tuple[int, str]]:
+    """Find directions in which one of contacts that a jump of a load overloads equally would let go before the others.
+
+    That counts where it leads to other modes. In the modes before the jump the motion would be `held`.
+    """
+    system, piece = nearby.system, nearby.trajectory.pieces[number]
+    own = VariedGuards(nearby, piece, held)
+    guards, rows = own.guards, own.guards.rows
+    is_held = rows.is_force & (held.equations.modes == 0)[guards.row]
+    over = (is_held & (guards.start[0] < -_TOUCH * guards.scale)).nonzero()[0]
+    if over.size < 2:
+        return
+
+    def ratios(motion: Motion, taus: Array, y: Array) -> Array:
+        force = -rows.turn[over, None] * motion.watched(taus, y)[rows.source[over]]
+        return np.asarray(force / (own.raw(motion, taus, y)[over] + force))
+
+    y = held.exact(0.0, held.y)
+    ratio = ratios(held, np.zeros(1), y[:, None])[:, 0]
+    slopes = nearby.slopes_at(ratios, held, since, 0.0, y, S) + np.outer(nearby.falls(ratios, held, 0.0, y), times)
+    part = joined(system.G[guards.row[over]])
+    for number_of_part in np.unique(part).tolist():
+        mine = (part == number_of_part).nonzero()[0]
+        tied = mine[ratio[mine] >= ratio[mine].max() * (1 - _TOUCH)]
+        off = np.ptp(slopes[tied], axis=0) > TIE * ratio[tied[0]] / nearby.sizes
+        first = [(int(guards.row[i]), int(guards.direction[i])) for i in over[tied]]
+        if not off.any() or len({_after_one(piece, held, *one) for one in first}) == 1:
+            continue
+        names = " and ".join(repr(system.rows[j].name) for j, _ in first)
+        for k in off.nonzero()[0].tolist():
+            yield k, f"a jump of a load overloads {names} equally, and near by one lets go before the others"
+
+
+def _after_one(piece: Piece, held: Motion, row: int, direction: int) -> bytes:
+    """Return the modes to which it leads that one of the held rows lets go alone."""
+    system, equations, none = held.system, held.equations, np.zeros(held.system.m, dtype=bool)
+    now = Situation(held.t, held.y, piece.labels, held.since, none, none)
+    search = Search(system, held.segment, now, piece.labels, equations.is_held, equations.regions, None)
+    trial = equations.modes.copy()
+    trial[row] = direction
+    return search.run(trial)[0].equations.modes.tobytes()
 
 
 def beyond_event(
