@@ -16,6 +16,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
+from stickslip.events.least_constraint import least_constraint
 from stickslip.events.sharing import share
 from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -93,6 +94,7 @@ class Search:
     def _new(self, following: Modes) -> Modes:
         """Return the modes to try next: where releasing one row after another ran in a circle, shared ones.
 
+        If these have been tried, too, all combinations are, and where those are too many what least constraint tells.
         In the first trial all rows are held that may be. The parts that circle are those that have changed since.
         """
         if (since := self._place(following)) is None:
@@ -101,10 +103,17 @@ class Search:
         parts = list(enumerate(self._parts))
         circling = [part for part, own in parts if (turns[:, own] != following[own]).any()]
         circling = circling or list(range(len(parts)))
-        following = self._shared(self._reset(following, first, circling), circling)
+        start = self._reset(following, first, circling)
+        following = self._shared(start, circling)
+        if self._place(following) is None:
+            return following
+        if (consistent := self._enumerated(start, circling)) is not None:
+            return consistent
+        following = self._least_constrained(start, circling)
         if self._place(following) is not None:
-            for part in circling:
-                following = self._enumerated(part, self._reset(following, first, [part]))
+            following = self._shared(following, circling)
+        if self._place(following) is not None:
+            raise Inconsistent(self._candidates_of(circling))
         return following
 
     def _place(self, trial: Modes) -> int | None:
@@ -341,6 +350,17 @@ class Search:
                 found[own.rows] = _carrying(own.side) if own.holds else self._moving(own.rows, own.side)
         return found
 
+    def _least_constrained(self, trial: Modes, parts: list[int]) -> Modes:
+        """Return modes in which those rows of some parts move that least constraint lets move.
+
+        All rows of these parts are held in the trial that may be.
+        """
+        motion, guards, found = *self._build(trial), trial.copy()
+        for part in parts:
+            rows, accelerations = least_constraint(motion, guards, self._part == part)
+            found[rows] = np.where(accelerations == 0, 0, self._moving(rows, accelerations))
+        return found
+
     def _held_where_they_stay(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can.
 
@@ -378,16 +398,25 @@ class Search:
             yield shared[own]
         yield modes[own]
 
-    def _enumerated(self, part: int, trial: Modes) -> Modes:
-        """Return consistent modes of a part where releasing one row after another ran in a circle: try all."""
-        system, own = self._system, self._parts[part]
-        rows = own[self._candidates[own] & ~system.is_tie[own]]
-        if rows.size <= _ENUMERATED:
+    def _enumerated(self, trial: Modes, parts: list[int]) -> Modes | None:
+        """Return modes that are consistent in some parts, of all combinations there; None for none, or too many."""
+        for part in parts:
+            rows = self._candidates_of([part])
+            if rows.size > _ENUMERATED:
+                return None
             for found in self._combinations(rows, trial):
                 guards = self._build(found)[1]
                 if not guards.violated[self._part[guards.row] == part].any():
-                    return found
-        raise Inconsistent(rows)
+                    trial = found
+                    break
+            else:
+                return None
+        return trial
+
+    def _candidates_of(self, parts: list[int]) -> Indices:
+        """Return the rows of some parts that may be held, but for ties."""
+        may_be_held: Mask = self._candidates & ~self._system.is_tie & np.isin(self._part, parts)
+        return may_be_held.nonzero()[0]
 
     def _combinations(self, rows: Indices, trial: Modes) -> Iterator[Modes]:
         system = self._system

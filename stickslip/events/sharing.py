@@ -50,7 +50,7 @@ def share(motion: Motion, guards: Guards, part: Mask) -> Share | None:
     free = np.abs(self_stress[place]).max(axis=1, initial=0.0) > _SELF_STRESS
     limits, place = limits[free], place[free]
     side = guards.direction[limits]
-    left = _soon(motion, guards.start[:, limits])
+    left = soon(motion, guards.start[:, limits])
     # side * (force added) <= left, each force in units of its row
     rows, needed = -side[:, None] * self_stress[place], -left * scale[place]
     size = float(np.abs(needed).max(initial=0.0)) or 1.0
@@ -69,7 +69,7 @@ def _null_space(rows: Array) -> Array:
     return np.asarray(vectors[:, values <= 1e-11 * values.max(initial=0.0)])
 
 
-def _soon(motion: Motion, start: Array) -> Array:
+def soon(motion: Motion, start: Array) -> Array:
     """Return guards just after the start of a motion."""
     size, change = np.abs(start[0]).max(initial=0.0), np.abs(start[1]).max(initial=0.0)
     ahead = motion.horizon

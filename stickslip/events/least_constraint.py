@@ -1,0 +1,45 @@
+"""Which rows at rest begin to move, by Gauss' principle of least constraint.
+
+Forces ``lambda + delta`` instead of those that hold all rows accelerate them by ``w' = -W delta``, where
+``W = G M^-1 G^T``. Of the forces within all limits those that follow the laws make ``1/2 delta^T W delta`` as small as
+possible (Moreau, "Quadratic programming in mechanics", SIAM Journal on Control 4, 1966): bounded least squares. Where
+static and Coulomb levels are equal these are the accelerations; elsewhere rows that move then carry less, and others
+may let go after them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.guards.guards import Guards
+from stickslip.equations.motion import Motion
+from stickslip.events.sharing import soon
+from stickslip.model.arrays import Array, Indices, Mask
+
+_AT_REST = 1e-9  # part of the largest relative acceleration below which a row stays at rest
+_WIDTH = 1e-12  # limits are apart by this part of the largest one, at least
+
+
+def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indices, Array]:
+    """Return the held rows of a part that have limits, and their relative accelerations; 0 where they stay at rest.
+
+    All rows of the part that may be are held in this motion, and no others are joined to them.
+    """
+    system, equations = motion.system, motion.equations
+    limits = ((~guards.is_velocity) & (guards.direction != 0) & part[guards.row]).nonzero()[0]
+    rows, place = np.unique(guards.row[limits], return_inverse=True)
+    left, up = soon(motion, guards.start[:, limits]), guards.direction[limits] > 0
+    low, high = np.full(rows.size, -np.inf), np.full(rows.size, np.inf)
+    low[place[~up]], high[place[up]] = -left[~up], left[up]
+    high = np.maximum(high, low + _WIDTH * np.abs(left).max(initial=0.0))
+    rest = equations.is_held.copy()
+    rest[rows] = False
+    W = np.asarray(system.G[rows] @ system.balance(rest).accelerations(dense(system.GT[:, rows])))
+    sizes, vectors = np.linalg.eigh(0.5 * (W + W.T))
+    root = np.sqrt(np.maximum(sizes, 0.0))[:, None] * vectors.T
+    delta = scipy.optimize.lsq_linear(root, np.zeros(rows.size), bounds=(low, high), method="bvls").x
+    accelerations = -W @ delta
+    moves = np.abs(accelerations) > _AT_REST * np.abs(accelerations).max(initial=0.0)
+    return rows, np.where(moves, accelerations, 0.0)

@@ -1,0 +1,124 @@
+"""Rows at rest with loops among them, for which releasing one after another runs in a circle.
+
+Where static and Coulomb coefficients are equal, the accelerations are those of Gauss' principle of least constraint:
+bounded least squares, computed here from bodies, rows and loads alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from stickslip import GROUND, Body, Contact, DryFriction, Force, OneWay, Scene, simulate
+from stickslip.model.arrays import Array
+
+# name, bodies, their radii, and the level of a contact; 0 for a one-way clutch
+Rows = list[tuple[str, str, str, float, float, float]]
+WAYS = ({}, {"method": "BDF"}, {"formulation": "merged"}, {"formulation": "multiplier"})
+
+NETWORK: Rows = [
+    (name, a, b, 1.0, 1.0, level)
+    for name, a, b, level in (
+        ("c0", "b8", GROUND, 1.0),
+        ("c3", "b1", "b9", 3.0),
+        ("c4", "b1", "b11", 3.0),
+        ("c5", "b8", GROUND, 3.7),
+        ("c6", "b11", GROUND, 1.0),
+        ("c7", "b9", GROUND, 1.0),
+        ("c8", "b8", "b0", 1.0),
+        ("c10", "b1", GROUND, 3.0),
+        ("c14", "b1", GROUND, 3.0),
+        ("c18", "b4", "b11", 2.0),
+        ("c19", "b11", "b0", 3.0),
+        ("c20", "b4", GROUND, 1.0),
+        ("c21", "b8", "b7", 3.0),
+        ("c22", "b9", "b0", 2.0),
+    )
+]
+CLUTCHES: Rows = [
+    ("o0", "b1", "b0", -1.3, 1.0, 0.0),
+    ("c1", "b3", "b0", -2.0, 1.0, 3.0),
+    ("c3", "b0", "b3", 1.0, -1.0, 1.0),
+    ("c4", "b1", GROUND, 1.0, 1.0, 3.0),
+    ("c5", "b1", "b3", 1.0, 1.0, 3.0),
+    ("o6", "b1", GROUND, -2.0, 1.0, 0.0),
+    ("c7", "b3", "b0", 1.0, 1.0, 2.0),
+]
+OF_NETWORK = {
+    name: (1.0, load)
+    for name, load in zip(["b0", "b1", "b4", "b7", "b8", "b9", "b11"], (4, 0, 2, 7, 1, 2, 0), strict=True)
+}
+OF_CLUTCHES = {"b0": (1.0, -2.0), "b1": (44.0, 8.0), "b3": (1.0, 6.0)}
+
+
+def scene(bodies: dict[str, tuple[float, float]], rows: Rows, static: float = 1.0) -> Scene:
+    links = [
+        Contact(name, a, b, DryFriction(static * level, level), normal=1.0, radius_a=r, radius_b=s)
+        if level
+        else OneWay(name, a, b, radius_a=r, radius_b=s)
+        for name, a, b, r, s, level in rows
+    ]
+    masses = [Body(name, inertia=mass) for name, (mass, _) in bodies.items()]
+    return Scene(*masses, *links, *(Force(name, load) for name, (_, load) in bodies.items()))
+
+
+def accelerations(bodies: dict[str, tuple[float, float]], rows: Rows) -> Array:
+    """Return ``a = M^-1 (F - G^T r)`` with the forces r within their limits that make ``1/2 a^T M a`` least."""
+    names = list(bodies)
+    mass, load = np.array(list(bodies.values())).T
+    G = np.zeros((len(rows), len(names)))
+    for k, (_, a, b, r, s, _) in enumerate(rows):
+        G[k, names.index(a)] += r
+        if b != GROUND:
+            G[k, names.index(b)] -= s
+    levels = np.array([level for *_, level in rows])
+    low, high = -levels, np.where(levels > 0, levels, 1e3)
+    root = np.sqrt(mass)
+    found = lsq_linear((G / root).T, load / root, bounds=(low, high), method="bvls", tol=1e-15).x
+    a = np.asarray((load - G.T @ found) / mass)
+    # the laws: what moves forward carries the upper limit, what moves backward the lower one
+    for force, below, above, w in zip(found, low, high, G @ a, strict=True):
+        assert abs(w) < 1e-9 or abs(force - (above if w > 0 else below)) < 1e-9
+    return a
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    ("bodies", "rows"), [(OF_NETWORK, NETWORK), (OF_CLUTCHES, CLUTCHES)], ids=["network", "clutches"]
+)
+def test_loops_move_as_least_constraint_tells(
+    bodies: dict[str, tuple[float, float]], rows: Rows, way: dict[str, Any]
+) -> None:
+    result = simulate(scene(bodies, rows), (0.0, 1e-3), **way)
+    found = [result.velocity(name)[-1] / 1e-3 for name in bodies]
+    assert found == pytest.approx(accelerations(bodies, rows), abs=1e-9)
+
+
+def test_levels_that_fall_once_they_move_are_found_from_there() -> None:
+    """With higher static levels the same body goes alone, on the Coulomb level of its contact: 7 - 3 N on 1 kg."""
+    result = simulate(scene(OF_NETWORK, NETWORK, static=1.1), (0.0, 1e-3))
+    moving = [row[0] for row in NETWORK if result.mode(row[0])[-1] != 0]
+    assert moving == ["c21"]
+    assert result.velocity("b7")[-1] == pytest.approx(4e-3, rel=1e-12)
+    assert max(abs(result.force(name)[-1]) - 1.1 * level for name, *_, level in NETWORK) <= 1e-12
+
+
+def test_random_networks_move_as_least_constraint_tells() -> None:
+    """With whole levels and loads many rows come to their levels exactly."""
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        names = [f"b{k}" for k in range(int(random.integers(2, 8)))]
+        bodies = {name: (float(random.integers(1, 5)), float(random.integers(-6, 7))) for name in names}
+        rows: Rows = []
+        for k in range(int(random.integers(2, 13))):
+            a, b = random.permutation([*names, GROUND])[:2].tolist()
+            a, b = (b, a) if a == GROUND else (a, b)
+            level = float(random.integers(1, 5)) if random.random() < 0.8 else 0.0
+            rows.append((f"c{k}", a, b, *random.choice([1.0, 1.0, -1.0, 2.0], 2).tolist(), level))
+        result = simulate(scene(bodies, rows), (0.0, 1e-3))
+        exact = accelerations(bodies, rows)
+        found = [result.velocity(name)[-1] / 1e-3 for name in names]
+        assert found == pytest.approx(exact, abs=1e-6), seed
