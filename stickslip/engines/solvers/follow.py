@@ -26,6 +26,9 @@ _FIRST = 1e-3  # longest first step as a part of the time ahead
 # Steps that are many to be lost, and how many times as far as where the event was to go the next time.
 _LOST, _FARTHER = 200, 2.0
 
+# So many steps creep that lead over less than this part of the time ahead.
+_MANY, _NOWHERE = 1000, 1e-3
+
 _ATTEMPTS = 3  # how often in a row a solver goes on from a point before one at which something failed
 
 # How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most.
@@ -68,13 +71,15 @@ class Reach:
 class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
-    It stops it too where tables have left their regions.
+    It stops it too where tables have left their regions, and where it creeps: what has come to rest in a finite time,
+    as under a force that grows like the root of the speed, is seen at rest only once its points are looked at.
     `end` is that point: local time in s and unknowns.
     """
 
     def __init__(self, guards: Guards, interruption: Interruption, work: Work) -> None:
         self._guards, self._interruption, self._work = guards, interruption, work
         self._has_left = guards.motion.has_left_in_floats or guards.motion.has_left
+        self._calls, self._looked_at = 0, 0.0
         self.end: tuple[float, Array] | None = None
         self.found = False
         """Whether it has found a guard negative."""
@@ -87,10 +92,18 @@ class Lookout:
         self._work.guard_calls += 1
         value = -1.0 if self._interruption.pressed else sound(self._guards.smallest(tau, y), tau)
         self.found = value <= 0 < tau
-        has_left = not self.found and self._has_left(tau, y)
-        if self.found or has_left:
+        ends = not self.found and (self._has_left(tau, y) or self._creeps(tau))
+        if self.found or ends:
             self.end = tau, unknowns.copy()
-        return -1.0 if has_left else value
+        return -1.0 if ends else value
+
+    def _creeps(self, tau: float) -> bool:
+        """Tell whether the last steps, which were many, have led next to nowhere."""
+        self._calls += 1
+        if self._calls % _MANY:
+            return False
+        gone, self._looked_at = tau - self._looked_at, tau
+        return gone < _NOWHERE * self._guards.motion.horizon
 
     def points_of(self, solution: Any) -> tuple[Array, Array]:
         """Return local times and unknowns at the ends of the steps that a solver has taken."""

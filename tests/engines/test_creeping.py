@@ -1,0 +1,37 @@
+"""Solvers that creep: what comes to rest in a finite time, without passing through 0, would take them for ever."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, feedback, simulate, velocity
+
+WAYS = ({"method": "BDF"}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"})
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("stop", [2.1, 1e3])
+def test_a_damper_of_the_root_of_the_speed(way: dict[str, Any], stop: float) -> None:
+    """``v' = -sqrt(v)`` from 1: ``v = (1 - t / 2)^2`` until 2 s, when it has gone 2/3 m, and 0 from there on."""
+    root = DryFriction(0.0, 0.0, kinetic=math.sqrt)
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, root, normal=1.0))
+    result = simulate(scene, (0.0, stop), velocity_margin=1e-8, **way)
+    (event,) = result.events
+    assert event.cause == "relaxation"
+    # within the margin it is at rest: 2 sqrt(1e-8) earlier
+    assert event.t == pytest.approx(2.0 - 2e-4, abs=1e-5)
+    assert result.velocity("m")[-1] == 0.0
+    assert result.position("m")[-1] == pytest.approx(2 / 3, abs=1e-6)
+    assert result.stats["steps"] < 10_000
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_the_same_as_a_function(method: str) -> None:
+    """Nothing is held then: the velocity stays 0 but for the tolerance."""
+    slow = feedback(lambda v: -math.copysign(math.sqrt(abs(v)), v), velocity("m"))
+    result = simulate(Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", slow)), (0.0, 100.0), method=method)
+    assert abs(result.velocity("m")[-1]) < 1e-9
+    assert result.stats["steps"] < 20_000
