@@ -65,7 +65,7 @@ class Cvode:
             return self._series.advance(motion, guards, horizon)
         self._now.motion = selected = Selected(motion, self._order, self._task.merged)
         self._now.rate = selected.writes_rates()
-        self._now.lookout = Lookout(guards, self._task.interruption, self.work)
+        self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._reach)
         return follow(motion, guards, horizon, self._solve, self._task.interruption, self._reach)
 
     def _solve(self, tau: float, progress: Progress) -> Path:

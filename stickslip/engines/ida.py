@@ -57,7 +57,7 @@ class Ida:
 
     def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
-        lookout = Lookout(guards, self._task.interruption, work)
+        lookout = Lookout(guards, self._task.interruption, work, self._reach)
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
             progress.note(tau)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, feedback, simulate, velocity
+from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
 
 WAYS = ({"method": "BDF"}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"})
 
@@ -26,12 +26,3 @@ def test_a_damper_of_the_root_of_the_speed(way: dict[str, Any], stop: float) -> 
     assert result.velocity("m")[-1] == 0.0
     assert result.position("m")[-1] == pytest.approx(2 / 3, abs=1e-6)
     assert result.stats["steps"] < 10_000
-
-
-@pytest.mark.parametrize("method", ["BDF", "Adams"])
-def test_the_same_as_a_function(method: str) -> None:
-    """Nothing is held then: the velocity stays 0 but for the tolerance."""
-    slow = feedback(lambda v: -math.copysign(math.sqrt(abs(v)), v), velocity("m"))
-    result = simulate(Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", slow)), (0.0, 100.0), method=method)
-    assert abs(result.velocity("m")[-1]) < 1e-9
-    assert result.stats["steps"] < 20_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -60,6 +61,8 @@ class Reach:
         self.longest = np.inf
         self.failed = 0
         """How often in a row something has failed."""
+        self.crept = -np.inf
+        """Time in s up to which a solver has crept the last time."""
 
     def note(self, path: Path, missed: float | None) -> None:
         """Note when a path had an event that the solver did not see: where much was lost, the next ones are shorter."""
@@ -72,14 +75,16 @@ class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
     It stops it too where tables have left their regions, and where it creeps: what has come to rest in a finite time,
-    as under a force that grows like the root of the speed, is seen at rest only once its points are looked at.
+    as under a force that grows like the root of the speed, is seen at rest only once its points are looked at. Where
+    nothing was, the solver goes on from there.
     `end` is that point: local time in s and unknowns.
     """
 
-    def __init__(self, guards: Guards, interruption: Interruption, work: Work) -> None:
-        self._guards, self._interruption, self._work = guards, interruption, work
+    def __init__(self, guards: Guards, interruption: Interruption, work: Work, reach: Reach) -> None:
+        self._guards, self._interruption, self._work, self._reach = guards, interruption, work, reach
         self._has_left = guards.motion.has_left_in_floats or guards.motion.has_left
         self._calls, self._looked_at = 0, 0.0
+        self._goes_on = math.isclose(reach.crept, guards.motion.t, rel_tol=1e-12)
         self.end: tuple[float, Array] | None = None
         self.found = False
         """Whether it has found a guard negative."""
@@ -100,10 +105,13 @@ class Lookout:
     def _creeps(self, tau: float) -> bool:
         """Tell whether the last steps, which were many, have led next to nowhere."""
         self._calls += 1
-        if self._calls % _MANY:
+        if self._goes_on or self._calls % _MANY:
             return False
         gone, self._looked_at = tau - self._looked_at, tau
-        return gone < _NOWHERE * self._guards.motion.horizon
+        creeps = gone < _NOWHERE * self._guards.motion.horizon
+        if creeps:
+            self._reach.crept = self._guards.motion.t + tau
+        return creeps
 
     def points_of(self, solution: Any) -> tuple[Array, Array]:
         """Return local times and unknowns at the ends of the steps that a solver has taken."""
