@@ -162,7 +162,7 @@ def test_a_step_of_nothing_between_long_ones_does_not_count(method: str) -> None
 def test_where_a_solver_places_a_root_that_it_is_told_of_is_no_end_of_a_step() -> None:
     """As near to a point as 1e-19 s it would tell a slope of roundoff."""
     values = {0.0: 1.0, 0.1: 1.0, 0.2: -1.0}
-    motion = SimpleNamespace(has_left=lambda tau, y: False, has_left_in_floats=None)
+    motion = SimpleNamespace(has_left=lambda tau, y: False, has_left_in_floats=None, t=0.0)
     guards = SimpleNamespace(smallest=lambda tau, y: values[tau], motion=motion)
     lookout = Lookout(guards, SimpleNamespace(pressed=False), SimpleNamespace(guard_calls=0), Reach())  # type: ignore[arg-type]
     for tau in values:
