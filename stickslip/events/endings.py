@@ -34,6 +34,15 @@ class AtLimit(NamedTuple):
     crossed: Indices  # borders of regions
 
 
+class EndState(NamedTuple):
+    """Where a motion has come to at its end."""
+
+    t: float  # time in s; at a break of the loads the break itself
+    tau: float  # time in s since the start of the motion, as it was added up
+    y: Array  # (size,)
+    largest: Array  # (size,): bounds of the sizes of the states along the motion
+
+
 class Jump(NamedTuple):
     """What impacts and jumping drives do at an instant."""
 
@@ -137,30 +146,29 @@ def at_stops_at_start(system: System, y: Array, q: Array, t: float) -> Modes:
 def jumped(
     motion: Motion,
     loads: Loads,
-    path: Path,
-    t: float,
+    end: EndState,
     labels: Modes,
     crossed: Indices,
     margin: Array,
     errors: Array | None,
 ) -> Jump:
-    """Return what impacts and jumping drives do at `t`, the end of a path.
+    """Return what impacts and jumping drives do at the end of a motion.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
     rebound with less than their `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver
     in the states; exact engines have none.
     """
-    system, y, n = motion.system, path.last, motion.system.n
+    system, n, (t, tau, y, largest) = motion.system, motion.system.n, end
     if not (system.drives or system.has_stops):
         none = np.zeros(system.m, dtype=bool)
         return Jump(none, y, np.zeros(system.m, dtype=np.int8), none, None)
-    q, q_before = loads.after(t).at(t), motion.segment.at(motion.t + float(path.taus[-1]))
+    q, q_before = loads.after(t).at(t), motion.segment.at(motion.t + tau)
     before, after = system.drive_velocities(q_before), system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
     # a drive that comes to rest with a corner does so but for the roundoff of the time
     rough = ROUNDOFF * (abs(t) + motion.horizon) * np.abs(system.drive_accelerations(q_before))
     jump = np.where(np.abs(after - before) > np.maximum(SAME * size, rough), after - before, 0.0)
-    sides, new = at_stops(system, y, q, labels, path.largest, crossed)
+    sides, new = at_stops(system, y, q, labels, largest, crossed)
     w = system.relative(y[:n], before)
     hit = new & (sides * w > 0)
     if not (jump.any() or hit.any()):
@@ -169,7 +177,7 @@ def jumped(
     if not hit.any() and (system.is_friction | system.is_gap).all():
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
     if hit.any():
-        margin = np.maximum(margin, _slowest_flight(motion, path, q, hit, loads.after(t).stop - t, errors))
+        margin = np.maximum(margin, _slowest_flight(motion, end, q, hit, loads.after(t).stop - t, errors))
     found = struck(system, y[:n], before, after, sides, hit, margin)
     change = np.abs(system.relative(found.v - y[:n], jump))
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
@@ -180,7 +188,7 @@ def jumped(
     return Jump(np.asarray(change > SAME * speed), y, sides, hit, found)
 
 
-def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask, ahead: float, errors: Array | None) -> float:
+def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: Array | None) -> float:
     """Return the speed below which stops that are hit come back before it can be told that they have left.
 
     A stop is ``v^2 / 2 a`` away at most, where the acceleration a is what those of its ends add up to. A solver knows
@@ -188,11 +196,11 @@ def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask, ahead: floa
     `ahead`, too.
     """
     system, functions = motion.system, motion.system.piecewise
-    rate = motion.rate(float(path.taus[-1]), path.last)
+    rate = motion.rate(end.tau, end.y)
     pace = system.abs_G @ np.abs(rate[: system.n])
     if system.drives:
         pace = pace + system.abs_D @ np.abs(system.drive_accelerations(q))
-    _, _, size = functions.limits(path.last, q, path.largest)
+    _, _, size = functions.limits(end.y, q, end.largest)
     some = functions.is_stop & hit[functions.row]
     if errors is not None:
         # of a stop that is hit the last flight may have been as low as this one

@@ -18,6 +18,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.events.endings import (
     AtLimit,
+    EndState,
     Jump,
     alone_at_limit,
     arrived,
@@ -224,16 +225,16 @@ class Run:
         """Settle the whole scene where what was followed part by part has come to."""
         motion = now.motion
         end, self._as_a_whole, crossed, self.stopped = ending
-        assert end.labels is not None
+        assert end.labels is not None and end.was is not None
         self.most_guards = max(self.most_guards, local.most_guards)
-        t, before, hit = end.t, end.labels, bool(end.fired.any())
+        t, before = end.t, end.labels
         self.now = replace(now, labels=before)
-        self.timeline.go_to(t, hit)
+        self.timeline.go_to(t, bool(end.fired.any()))
         if self.stopped is not None or self.timeline.is_over or self._interruption.pressed:
             return
         self.timeline.restarts += 1
-        path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
-        jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, None)
+        at_end = EndState(t, t - motion.t, end.y, end.was)
+        jump = jumped(motion, self.loads, at_end, before, crossed, self._wanted.rebound, None)
         stops = self._come_to_rest(t, local.modes, jump, partial(local.arrived, t))
         touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
@@ -307,7 +308,8 @@ class Run:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
         errors, margin = LOCAL * self._wanted.atol if self._wanted.has_errors else None, self._wanted.rebound
-        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, margin, errors)
+        end = EndState(t, float(path.taus[-1]), path.last, path.largest)
+        jump = jumped(motion, self.loads, end, now.labels, at.crossed, margin, errors)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size or not system.all_hard:
