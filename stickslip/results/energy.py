@@ -231,9 +231,9 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     given = np.zeros(len(trajectory.pieces))
     taken = np.zeros((rows.size, given.size))
     # impacts are kept with motions of the whole scene
-    pieces = [piece for piece in trajectory.whole if piece.impulses is not None]
+    pieces = [piece for piece in trajectory.whole.pieces if piece.impulses is not None]
     if pieces:
-        numbers = trajectory.numbers[[piece.impulses is not None for piece in trajectory.whole]]
+        numbers = trajectory.numbers[0][[piece.impulses is not None for piece in trajectory.whole.pieces]]
         first, earlier = numbers == 0, np.maximum(numbers - 1, 0)
         before = Samples.at_local(trajectory, earlier, np.where(first, 0.0, trajectory.ends[earlier]))
         after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))

@@ -22,10 +22,11 @@ from stickslip.model.quantities import position
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event, Outcome, Target
 from stickslip.results.patchwork import Patchwork
+from stickslip.results.pieces import Piece, Pieces
 from stickslip.results.readable import Readable, check_result
 from stickslip.results.samples import Samples
 from stickslip.results.tables import how_it_ended
-from stickslip.results.trajectory import Piece, Pieces, Trajectory
+from stickslip.results.trajectory import Trajectory
 
 _FORMAT = 7
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
@@ -65,7 +66,7 @@ def _arrays(result: Outcome) -> dict[str, Any]:
     """Return all of one run as arrays by name."""
     samples = result.samples
     system, parts = samples.system, samples.trajectory.parts
-    pieces = [part for part in parts if isinstance(part, Piece)]
+    pieces = samples.trajectory.whole.pieces
     arrays: dict[str, Any] = {name: getattr(samples, name) for name in ("t", "piece_of", "taus", "y")}
     for name in ("force", "breakaway", "mode"):
         rows = [getattr(samples, name)(row.name) for row in system.rows]
@@ -154,7 +155,7 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))
     for k in about.get("patchworks", []):
         parts.insert(k, Patchwork.from_arrays(system, _under(f"patchwork.{k}.", data)))
-    trajectory = Trajectory(system, Span(start, stop, about["stepped"]), Pieces.of(parts))
+    trajectory = Trajectory(system, Span(start, stop, about["stepped"]), Pieces(tuple(parts)))
     samples = Samples(trajectory, data["t"], data["piece_of"].astype(np.intp), data["taus"], data["y"])
     events = [_event_from_dict(row) for row in about["events"]]
     ended = about["success"], about["status"], about["message"], about["stats"]

@@ -281,6 +281,15 @@ class Patchwork(PickledByFields):
         """End of each piece in s."""
         return np.append(self.starts[1:], self.stop)
 
+    @cached_property
+    def durations(self) -> Array:
+        """How long each piece lasts, in s."""
+        return self.stops - self.starts
+
+    def times(self, piece: Indices, taus: Array) -> Array:
+        """Return at what it is read for local times of pieces: at times of the motion."""
+        return self.starts[piece] + taus
+
     def _ticks(self, piece: Indices, t: Array) -> Indices:
         """Return the tick that holds at times of pieces."""
         by_time = self.ticks.searchsorted(t, side="right")
@@ -340,6 +349,10 @@ class Patchwork(PickledByFields):
     def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
         """Return positions of bodies at times of pieces."""
         return self._read(self.bodies, piece, t, bodies, self._position)
+
+    def distances(self, piece: Indices, t: Array) -> Array:
+        """Return how far the bodies have come since the starts of pieces, a column each."""
+        return self.positions(piece, t) - self.positions(piece, self.starts[piece])
 
     def _position(self, held: HeldEntries, t: Array) -> Array:
         return self.bodies.values(held, t, self.unit, integrated=True)

@@ -29,7 +29,7 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: sl
     before = np.arange(int(piece_of.max()))
     numbers = np.concatenate([before, piece_of])
     local = np.concatenate([trajectory.ends[before], taus])
-    steps = trajectory.evaluated(numbers, local, integrated=True)
+    steps = trajectory.distances(numbers, local)
     held = list(trajectory.by_held(numbers))
     driven = None
     if system.drives and held:

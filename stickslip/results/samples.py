@@ -92,7 +92,7 @@ class Samples(PickledByFields):
         if self.kept is not None:
             return self.kept
         with one_thread(self.system):
-            found = self.trajectory.evaluated(self.piece_of, self.taus)
+            found = self.trajectory.states(self.piece_of, self.taus)
             if self._held:
                 drives = self.drive_velocities if self.system.drives else None
                 self.trajectory.write_led(self._held, found[: self.system.n], drives)

@@ -55,7 +55,7 @@ def refined(trajectory: Trajectory, points: int) -> Samples:
 
 def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     """Return the pieces and local times fit for a plot."""
-    patchworks = [part for part in trajectory.parts if isinstance(part, Patchwork)]
+    patchworks = trajectory.patchworks
     steps = _looked_at(trajectory)
     allowed = _allowed(trajectory, steps, patchworks)
     counts = _clipped(steps.worst(allowed))
@@ -63,12 +63,8 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
         return _cut(steps.begins, counts, steps.sizes)
     found = [(steps.begins, counts, steps.sizes)]
     found += [_of_patchwork(part, trajectory.system, allowed) for part in patchworks]
-    pieces = [trajectory.numbers]
-    for first, part in zip(trajectory.firsts.tolist(), trajectory.parts, strict=True):
-        if isinstance(part, Patchwork):
-            pieces.append(np.arange(first, first + part.starts.size))
     piece, taus = _cut(*map(np.concatenate, zip(*found, strict=True)))
-    piece = np.concatenate(pieces)[piece]
+    piece = np.concatenate(trajectory.numbers)[piece]
     order = np.argsort(piece, kind="stable")
     return piece[order], taus[order]
 
@@ -98,7 +94,7 @@ def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Arra
     sizes = np.bincount(piece) + 1
     ends, counts = np.empty(begins.size + sizes.size), np.ones(begins.size + sizes.size, dtype=np.intp)
     ends[place], counts[place] = begins - part.starts[piece], _clipped(part.worst(allowed[:n], distance))
-    ends[np.cumsum(sizes) - 1] = part.stops - part.starts
+    ends[np.cumsum(sizes) - 1] = part.durations
     return ends, counts, sizes
 
 
@@ -138,7 +134,7 @@ class _Look(NamedTuple):
 def _looked_at(trajectory: Trajectory) -> _Look:
     """Look at the steps of all paths."""
     n, size = trajectory.system.n, trajectory.system.size
-    found = [_Look.at(steps, n) for steps in trajectory.steps_of_paths]
+    found = [_Look.at(steps, n) for steps in trajectory.whole.steps]
     if len(found) == 1:
         return found[0]
     none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n))

@@ -14,8 +14,9 @@ from stickslip.model.arrays import Array
 from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
 from stickslip.results.patchwork import Patchwork
+from stickslip.results.pieces import Piece, Pieces
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Pieces, Trajectory
+from stickslip.results.trajectory import Trajectory
 from stickslip.simulation.result import Result
 
 
@@ -100,7 +101,7 @@ class Recorder:
 
     def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
         """Return all that was kept."""
-        trajectory = Trajectory(self._system, self._span, Pieces.of(self._pieces))
+        trajectory = Trajectory(self._system, self._span, Pieces(tuple(self._pieces)))
         events = sorted(self.events, key=lambda event: event.t)
         stats = stats | {"events": len(events)}
         at: Samples | Array | None = None

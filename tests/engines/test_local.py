@@ -43,7 +43,7 @@ from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
 from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
-from stickslip.results.trajectory import Piece
+from stickslip.results.pieces import Piece
 from stickslip.simulation import local as following
 from validation import part_by_part as validation
 from validation.against_oracles import difference

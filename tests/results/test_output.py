@@ -31,7 +31,7 @@ from stickslip import (
 )
 from stickslip.benchmark import flywheel_benchmark
 from stickslip.results.patchwork import Patchwork
-from stickslip.results.trajectory import Piece
+from stickslip.results.pieces import Piece
 from stickslip.simulation import simulate as module
 from validation.exact import REFERENCES, reference
 

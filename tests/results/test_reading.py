@@ -31,7 +31,7 @@ from stickslip import (
     sine,
 )
 from stickslip.benchmark import flywheel_chain
-from stickslip.results.trajectory import Piece
+from stickslip.results.pieces import Piece
 
 PACKAGE = str(Path(stickslip.__file__).parent)
 

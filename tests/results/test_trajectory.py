@@ -37,6 +37,7 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
+from stickslip.results.pieces import Pieces
 from stickslip.results.samples import Samples
 
 
@@ -384,6 +385,6 @@ def test_a_piece_ends_where_the_next_one_begins_whatever_its_steps_add_up_to() -
     result = simulate(Scene(Body("m", inertia=1.0, velocity=1.0)), (0.0, 1.0))
     piece = replace(result.trajectory.pieces[0], stop=float(np.nextafter(1.0, 2.0)))
     samples = Samples.at_local(
-        replace(result.trajectory, pieces=(piece,)), np.array([0, 0]), np.array([0.5, piece.end])
+        replace(result.trajectory, pieces=Pieces((piece,))), np.array([0, 0]), np.array([0.5, piece.end])
     )
     assert samples.t.tolist() == [0.5, piece.stop]

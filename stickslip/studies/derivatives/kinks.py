@@ -16,7 +16,7 @@ from stickslip.equations.motion import Motion
 from stickslip.events.search import Search
 from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Modes
-from stickslip.results.trajectory import Piece
+from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import REST, Nearby, total
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards

@@ -26,7 +26,8 @@ from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, at_stops, at_stops_at_start
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.scene import Scene
-from stickslip.results.trajectory import Piece, by_piece
+from stickslip.results.pieces import Piece
+from stickslip.results.trajectory import by_piece
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled, simulate

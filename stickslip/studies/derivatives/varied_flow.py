@@ -8,7 +8,7 @@ from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array
 from stickslip.model.crossings import root_between
-from stickslip.results.trajectory import Piece
+from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 from stickslip.studies.derivatives.radau import STAGES, radau
 from stickslip.studies.derivatives.steep import Steep

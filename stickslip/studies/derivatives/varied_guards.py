@@ -10,7 +10,7 @@ from stickslip.equations.guards.values import GuardValues
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
-from stickslip.results.trajectory import Piece
+from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby
 
 TIE = 1e-6  # derivatives that differ by less than this part of their size are the same
