@@ -28,15 +28,9 @@ def energy(result: Readable, *, ax: Any = None) -> Any:
     """
     ledger = result.fit_for_plot(FINE).energy()
     ax = own_axes(ax)
-    curves = {"kinetic": ledger.kinetic}
-    if result.scene.springs:
-        curves["springs"] = ledger.spring
-    if result.scene.forces:
-        curves["work of loads"] = ledger.loads
-    if result.scene.drives:
-        curves["work of drives"] = ledger.drives
-    if ledger.changes.any():
-        curves["changes between runs"] = ledger.changes
+    scene = result.scene
+    acting = {"springs": scene.springs, "work of loads": scene.forces, "work of drives": scene.drives}
+    curves = {name: value for name, value in ledger.totals.items() if acting.get(name, True)}
     heat = losses(ledger)
     if len(heat) > _CURVES:
         heat = {"heat of contacts and dampers": ledger.heat}

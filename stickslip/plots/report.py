@@ -120,17 +120,8 @@ def _energy(result: Readable) -> str:
     if not result.is_dense:
         return ""
     ledger: Any = result.energy()
-    rows: list[tuple[str, float, float]] = [
-        (name, float(value[0]), float(value[-1]))
-        for name, value in (
-            ("kinetic", ledger.kinetic),
-            ("springs", ledger.spring),
-            ("work of loads", ledger.loads),
-            ("work of drives", ledger.drives),
-            *([("changes between runs", ledger.changes)] if ledger.changes.any() else []),
-            *losses(ledger).items(),
-        )
-    ]
+    accounts = ledger.totals | losses(ledger)
+    rows = [(name, float(value[0]), float(value[-1])) for name, value in accounts.items()]
     picture = bitmap(energy(result).figure, "energies over time")
     heads = ("energy [J]", "at the start", "at the end")
     return _figure(picture) + table(heads, rows[:_ROWS], len(rows))

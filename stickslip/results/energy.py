@@ -15,6 +15,8 @@ from stickslip.model.arrays import Array
 from stickslip.results.readable import Readable
 from stickslip.results.samples import Samples, integrated
 
+_CHANGES = "changes between runs"
+
 # Part of the largest energy from which on it is asked whether a balance is off by roundoff alone.
 _OFF = 1e-3
 
@@ -98,6 +100,13 @@ class EnergyLedger:
         return self.stored + self.heat - self.work - self.changes
 
     @property
+    def totals(self) -> dict[str, Array]:
+        """What is stored, the work so far and, if any, changes between runs, as tables and drawings call them."""
+        work = {"work of loads": self.loads, "work of drives": self.drives}
+        changes = {_CHANGES: self.changes} if self.changes.any() else {}
+        return {"kinetic": self.kinetic, "springs": self.spring, **work, **changes}
+
+    @property
     def relative_error(self) -> float:
         """The largest balance error beyond roundoff over the largest energy in the ledger, 0 where nothing moves."""
         beyond = float(np.abs(self.error).max(initial=0.0)) - self.roundoff
@@ -112,14 +121,13 @@ class EnergyLedger:
         """Return the account at the last time as a table."""
         if not self.t.size:
             return "energy: nothing was computed"
-        rows = [("kinetic", self.kinetic[-1]), ("springs", self.spring[-1])]
-        rows += [("work of loads", self.loads[-1]), ("work of drives", self.drives[-1])]
+        last = {name: energy[-1] for name, energy in self.totals.items()}
+        changes = [(_CHANGES, last.pop(_CHANGES))] if _CHANGES in last else []
+        rows = list(last.items())
         rows += [(f"heat of contact {name!r}", heat[-1]) for name, heat in self.contacts.items()]
         rows += [(f"heat of {label}", heat[-1]) for label, heat in self.dampers.items()]
         rows += [(f"impacts of {name!r}", heat[-1]) for name, heat in self.impacts.items()]
-        if self.changes.any():
-            rows.append(("changes between runs", self.changes[-1]))
-        rows.append(("balance error", self.error[-1]))
+        rows += [*changes, ("balance error", self.error[-1])]
         wide = max(len(name) for name, _ in rows)
         # velocities of roundoff at the start would store some 1e-56 J
         stored = self.begun if self.begun > 1e-15 * self._largest else 0.0
