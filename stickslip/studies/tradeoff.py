@@ -24,7 +24,7 @@ from stickslip.simulation.result import Result, SimulationError
 from stickslip.simulation.simulate import compiled
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
-from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
+from stickslip.studies.work_precision import Setup, WorkPrecision, best_row, work_precision
 
 _TIMES = 1001
 _REPEATS = 5
@@ -104,15 +104,10 @@ class Tradeoff:
         if (error is None) == (time is None):
             raise TypeError(f"recommend: give either error= or time=, got error={error!r}, time={time!r}")
         flag(may_creep, "recommend: may_creep")
-        if time is not None:
-            finite(time, "recommend: time")
         if error is not None and finite(error, "recommend: error") < self.limit:
             raise ValueError(f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}")
-        try:
-            rows = tuple(row for row in self.work.rows if may_creep or row.name not in self.creeping)
-            row = WorkPrecision(rows, self.work.error_label).best(error=error, time=time)
-        except ValueError as none:
-            raise ValueError(str(none).replace("best:", "recommend:", 1).replace("setup", "call")) from None
+        rows = tuple(row for row in self.work.rows if may_creep or row.name not in self.creeping)
+        row = best_row(WorkPrecision(rows, self.work.error_label), error, time, "recommend", "call")
         return Advice(row.call or row.name, row.error, row.median, row.error <= self.limit)
 
     @property

@@ -108,29 +108,7 @@ class WorkPrecision:
         ValueError
             If no row qualifies.
         """
-        front = self.pareto()
-        for name, value in (("error", error), ("time", time)):
-            if value is not None:
-                finite(value, f"best: {name}")
-        if error is not None and time is None:
-            found = next((row for row in front if row.error <= error), None)
-            wanted, nearest = f"error <= {error:g}", front[-1:]
-            remedy = "add setups with tighter tolerances"
-        elif time is not None and error is None:
-            found = next((row for row in reversed(front) if row.median <= time), None)
-            wanted, nearest = f"median time <= {time:g} s", front[:1]
-            remedy = "add setups with looser tolerances"
-        else:
-            raise TypeError(f"best: give either error= or time=, got error={error!r}, time={time!r}")
-        if found is not None:
-            return found
-        if not nearest:
-            raise ValueError(f"best: no setup succeeded, so none has {wanted}; see the failures in .rows")
-        row = nearest[0]
-        raise ValueError(
-            f"best: no setup has {wanted}; the nearest is {row.name!r} "
-            f"(error {row.error:.3g}, {row.median:.3g} s). Allow as much, or {remedy}"
-        )
+        return best_row(self, error, time, "best", "setup")
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame, one line per row.
@@ -157,6 +135,36 @@ class WorkPrecision:
         names = {"median / s": "median", "min / s": "fastest", "error": "error", **dict.fromkeys(_COUNTERS)}
         columns = {title: [getattr(row, name or title) for row in self.rows] for title, name in names.items()}
         return aligned(self.rows, self.pareto(), "setup", columns, [""] * len(self.rows))
+
+
+def best_row(table: WorkPrecision, error: float | None, time: float | None, caller: str, kind: str) -> WorkRow:
+    """Return the cheapest row within an error, or the most accurate row within a time.
+
+    Errors begin with the name of the `caller`, and call what a row measured by its `kind`.
+    """
+    front = table.pareto()
+    for name, value in (("error", error), ("time", time)):
+        if value is not None:
+            finite(value, f"{caller}: {name}")
+    if error is not None and time is None:
+        found = next((row for row in front if row.error <= error), None)
+        wanted, nearest = f"error <= {error:g}", front[-1:]
+        remedy = f"add {kind}s with tighter tolerances"
+    elif time is not None and error is None:
+        found = next((row for row in reversed(front) if row.median <= time), None)
+        wanted, nearest = f"median time <= {time:g} s", front[:1]
+        remedy = f"add {kind}s with looser tolerances"
+    else:
+        raise TypeError(f"{caller}: give either error= or time=, got error={error!r}, time={time!r}")
+    if found is not None:
+        return found
+    if not nearest:
+        raise ValueError(f"{caller}: no {kind} succeeded, so none has {wanted}; see the failures in .rows")
+    row = nearest[0]
+    raise ValueError(
+        f"{caller}: no {kind} has {wanted}; the nearest is {row.name!r} "
+        f"(error {row.error:.3g}, {row.median:.3g} s). Allow as much, or {remedy}"
+    )
 
 
 def work_precision(
