@@ -372,8 +372,7 @@ class Local:
             self._go_beyond(self._due.at_once, t)
 
     def _most_guards(self) -> None:
-        guards = self._armed + self._parts.elastic.guards - self._due.staying
-        self.most_guards = max(self.most_guards, guards)
+        self.most_guards = max(self.most_guards, self._armed + self._due.borders)
 
     def _regroup(self, tree: Tree, outcome: TreeModes, groups: list[int]) -> None:
         """Form the groups that go on together."""

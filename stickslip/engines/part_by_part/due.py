@@ -39,8 +39,8 @@ class Due:
         Rows whose series hold to the end of those of the parts only, and not to the end of the stretch.
     direction : array (m,) of int8
         The side on which a held row is at its limit, or which border of its region a gap is at.
-    staying : int
-        How many borders are left alone, because gaps stay at them.
+    borders : int
+        How many borders gaps may come to; where a gap stays at one, that is left alone.
     at_once : array of int
         Gaps among the rows that were looked at last that go on beyond a border at once.
     bounds : array (2, m)
@@ -68,7 +68,7 @@ class Due:
         self.near_rest = np.where(slick & (np.abs(parts.mode) == 1), margin, 0.0)
         # of each border, how many zeros at the start of its series are divided out; or _STAYS
         self._zeros = np.zeros(self._system.piecewise.beyond.size, dtype=np.int8)
-        self._staying, self.staying = np.zeros(m, dtype=np.intp), 0
+        self._borders_of, self.borders = np.zeros(m, dtype=np.intp), 0
 
     def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
@@ -149,9 +149,9 @@ class Due:
                 g[k], order = 0.0, 0
             self._zeros[borders[k]] = order
         self.at_once = np.array(now, dtype=np.intp)
-        self.staying -= int(self._staying[rows].sum())
-        self._staying[rows] = np.bincount(own, self._zeros[borders] == _STAYS, rows.size)
-        self.staying += int(self._staying[rows].sum())
+        self.borders -= int(self._borders_of[rows].sum())
+        self._borders_of[rows] = np.bincount(own, self._zeros[borders] != _STAYS, rows.size)
+        self.borders += int(self._borders_of[rows].sum())
         return self._divided(g, borders), own
 
     def _borders(self, rows: Indices) -> tuple[Array, Array, Indices, Indices]:

@@ -23,8 +23,6 @@ class Elastic:
         What gaps push the bodies with beside that.
     neighbours : list of lists of int
         The bodies that couple to each one now.
-    guards : int
-        How many borders all regions have.
     """
 
     def __init__(self, forest: Forest, functions: PiecewiseMatrices, regions: Regions) -> None:
@@ -35,7 +33,6 @@ class Elastic:
         # of a row that is a gap: its number
         self.number = np.full(forest.m, -1)
         self.number[forest.gaps] = np.arange(self.count)
-        self.guards = self.borders(np.arange(self.count))[0].size
         if not self.count:
             return
         self.stiffness, self.damping = self.stiffness.copy(), self.damping.copy()
@@ -63,9 +60,7 @@ class Elastic:
 
     def enter(self, gaps: Indices, regions: Regions) -> Indices:
         """Let gaps go on in other regions, beyond a border; return the bodies at their ends."""
-        self.guards -= self.borders(gaps)[0].size
         self.region[gaps] = regions
-        self.guards += self.borders(gaps)[0].size
         for gap, value in zip(gaps.tolist(), self.values(gaps).tolist(), strict=True):
             self._now[gap] = value
         return np.array(self._act(gaps.tolist()), dtype=np.intp)
