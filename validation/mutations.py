@@ -88,8 +88,8 @@ breaks("looks-off-steps", "no look between computed points", "stickslip.engines.
 )
 
 
-@breaks("reach-off", "series are used beyond their reach", "stickslip.engines.series:Series._reach")
-def _endless_reach(original: Any) -> Any:
+@breaks("step-limit-off", "series are used beyond their step limit", "stickslip.engines.series:Series._step_limit")
+def _no_step_limit(original: Any) -> Any:
     return staticmethod(_returning(1.0)(original))
 
 

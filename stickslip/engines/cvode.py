@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.engines.base import LOCAL, Method, Task
 from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series
-from stickslip.engines.solvers.follow import Lookout, Reach, first_step, follow, longest_step
+from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, follow, longest_step
 from stickslip.engines.solvers.linear_solver import LinearSolver, band_order
 from stickslip.engines.solvers.sundials import CVODE
 from stickslip.engines.solvers.through_points import path_through
@@ -50,7 +50,7 @@ class Cvode:
     def __init__(self, task: Task, kind: str) -> None:
         self._task, self._kind, self._order = task, kind, band_order(task.system)
         self._tolerance = LOCAL * task.rtol, LOCAL * task.atol
-        self.work, self._reach = Work(), Reach()
+        self.work, self._look_ahead = Work(), LookAhead()
         self._series: Series | None = None
         if task.exact_at_rest:
             self._series = Series(task)
@@ -65,8 +65,8 @@ class Cvode:
             return self._series.advance(motion, guards, horizon)
         self._now.motion = selected = Selected(motion, self._order, self._task.merged)
         self._now.rate = selected.writes_rates()
-        self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._reach)
-        return follow(motion, guards, horizon, self._solve, self._task.interruption, self._reach)
+        self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._look_ahead)
+        return follow(motion, guards, horizon, self._solve, self._task.interruption, self._look_ahead)
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work

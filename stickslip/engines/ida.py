@@ -15,7 +15,7 @@ import scipy
 
 from stickslip.engines.base import LOCAL, Method, Task
 from stickslip.engines.progress import Progress
-from stickslip.engines.solvers.follow import Lookout, Reach, first_step, follow, longest_step
+from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, follow, longest_step
 from stickslip.engines.solvers.linear_solver import sparsity_pattern, write_sparse
 from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
@@ -44,7 +44,7 @@ class Ida:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._rtol, self._atol = LOCAL * task.rtol, LOCAL * task.atol
-        self.work, self._reach = Work(), Reach()
+        self.work, self._look_ahead = Work(), LookAhead()
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
@@ -53,11 +53,11 @@ class Ida:
         def solve(tau: float, progress: Progress) -> Path:
             return self._solve(motion, guards, equations, tau, progress)
 
-        return follow(motion, guards, horizon, solve, self._task.interruption, self._reach)
+        return follow(motion, guards, horizon, solve, self._task.interruption, self._look_ahead)
 
     def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
-        lookout = Lookout(guards, self._task.interruption, work, self._reach)
+        lookout = Lookout(guards, self._task.interruption, work, self._look_ahead)
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
             progress.note(tau)

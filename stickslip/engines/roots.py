@@ -200,8 +200,8 @@ def earliest(coefficients: Array) -> Array:
     The graph of a polynomial lies in the convex hull of its Bernstein points: it is not 0 before that is.
     """
     found = np.full(coefficients.shape[0], np.inf)
-    reach = np.abs(coefficients[:, 1:]).sum(axis=1)
-    close = (coefficients[:, 0] <= reach).nonzero()[0]
+    others = np.abs(coefficients[:, 1:]).sum(axis=1)
+    close = (coefficients[:, 0] <= others).nonzero()[0]
     if not close.size:
         return found
     order = coefficients.shape[1] - 1

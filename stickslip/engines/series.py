@@ -145,7 +145,7 @@ class Series:
         if frozen and motion.segment.has_sines:
             g = np.concatenate([g[:1] - guards.allowance, g[1:]])
         if not polynomial:
-            h = scale * self._reach(expansion.y, g, guards)
+            h = scale * self._step_limit(expansion.y, g, guards)
             if h < longest:
                 # it begins and ends at times that are numbers: what many steps round adds up
                 h = (tau + h) - tau
@@ -164,7 +164,7 @@ class Series:
         return _Step(terms, h, root, guard, int(guards.row[guard]) if touches else None)
 
     @staticmethod
-    def _reach(y: Array, g: Array, guards: Guards) -> float:
+    def _step_limit(y: Array, g: Array, guards: Guards) -> float:
         """Return the step, in units of that of the coefficients, whose remainder is below roundoff.
 
         The last two terms are compared with the largest one over the step; at most the step of the coefficients.
@@ -177,7 +177,7 @@ class Series:
             own /= scale if min(scale.tolist()) > 0 else _measures(own, scale)
         firsts, kinds = rows.kinds
         sizes = np.maximum.reduceat(terms, firsts, axis=1).T.tolist()
-        reach = 1.0
+        limit = 1.0
         for kind, size in zip(kinds, sizes, strict=True):
             left = max(size[_LAST:])
             if left < _NOTHING:
@@ -194,8 +194,8 @@ class Series:
                 found = max(found, (term / left * _REMAINDER) ** (1.0 / (_LAST - k)))
                 if k >= _LEADING and found:
                     break
-            reach = min(reach, found)
-        return reach
+            limit = min(limit, found)
+        return limit
 
     def _floor(self, motion: Motion, guards: Guards, i: int, first: float | None) -> float:
         """Return what a guard has the roundoff of: the largest speeds so far, or forces at the start.

@@ -74,7 +74,7 @@ class Balance:
         self._finish()
 
     @property
-    def reach(self) -> float:
+    def changed_accelerations(self) -> float:
         """How many accelerations all forces change at most, one force on each body; inf where no matrix tells."""
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())

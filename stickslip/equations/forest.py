@@ -113,7 +113,7 @@ class Forest:
             self.row_of = np.full(n, -1)
             self.row_of[self.child[contacts]] = contacts
         self._couple(system)
-        self._reach(system)
+        self._find_unit_and_hops(system)
 
     @staticmethod
     def why_not(system: System, loads: Loads) -> str | None:
@@ -198,7 +198,7 @@ class Forest:
         normals = segment.sines.entry[segment.sines.entry < self.m]
         return bool((least[normals] > 0).all() and (segment.sines.frequency != 0).all())
 
-    def _reach(self, system: System) -> None:
+    def _find_unit_and_hops(self, system: System) -> None:
         """Find how long a series holds, and how far a change reaches meanwhile, from chains of majorants."""
         self.order, self.unit, self.hops = _POLYNOMIAL, math.inf, 0
         if math.isfinite(self.period):

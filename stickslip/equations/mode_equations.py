@@ -115,9 +115,8 @@ class ModeEquations:
         # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
         # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (self.velocity_dependent.size > 0 or self.is_small)
-        self.is_assembled = not system.sparse or (
-            (self.velocity_dependent.size > 0 or system.has_couplings) and self.balance.reach <= _NEAR * system.n
-        )
+        acts = self.velocity_dependent.size > 0 or system.has_couplings
+        self.is_assembled = not system.sparse or (acts and self.balance.changed_accelerations <= _NEAR * system.n)
 
     # -- rows ------------------------------------------------------------------------------------------------
 

@@ -212,8 +212,8 @@ def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
     divided = contact in varying(result)
     normal = float(np.nanmean(fine.normal(contact))) if fine.t.size else 0.0
     whole = normal if divided and normal > 0 else 1.0
-    reach = float(np.nan_to_num(np.abs(fine.relative_velocity(contact))).max(initial=0.0)) or 1.0
-    w = np.linspace(-1.1 * reach, 1.1 * reach, 801)
+    fastest = float(np.nan_to_num(np.abs(fine.relative_velocity(contact))).max(initial=0.0)) or 1.0
+    w = np.linspace(-1.1 * fastest, 1.1 * fastest, 801)
     law = {"color": "0.65", "linewidth": 4, "zorder": 0, "solid_capstyle": "butt"}
     for side in (w[w < 0], w[w > 0]):
         ax.plot(side, steady_forces(element.law, side, normal) / whole, **law)

@@ -40,9 +40,9 @@ def final_scene(trajectory: Trajectory) -> Scene:
     # what is in Karnopp's dead band from its start on moves on there; what has just come to its edge is stuck
     begun = Samples.at_local(trajectory, number, np.zeros(1)).relative_velocities[:, 0]
     moves_on = np.abs(begun) <= (1 + AT_BAND) * system.laws.rests_below
-    reach = np.zeros(system.n + system.drives)
-    reach[: system.n] = fastest * (stop - trajectory.span.start) + [abs(b.position) for b in system.scene.bodies]
-    y = on_stops(system, at.y[:, 0], inner, reach)
+    farthest = np.zeros(system.n + system.drives)
+    farthest[: system.n] = fastest * (stop - trajectory.span.start) + [abs(b.position) for b in system.scene.bodies]
+    y = on_stops(system, at.y[:, 0], inner, farthest)
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
@@ -111,11 +111,11 @@ def _position(at: Samples, y: Array, name: str) -> float:
     return float(at.position(name)[0] if state is None else y[state])
 
 
-def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
+def on_stops(system: System, y: Array, modes: Modes, farthest: Array) -> Array:
     """Return a state in which closed stops are not beyond their limits, where positions near 0 leave roundoff.
 
-    Bodies that have been no farther away than `reach` (n + drives,) keep the roundoff of that. Beside a limit of 0 it
-    would be a flight, so that there it is taken off.
+    Bodies that have been no farther away than `farthest` (n + drives,) keep the roundoff of that. Beside a limit of 0
+    it would be a flight, so that there it is taken off.
     """
     functions = system.piecewise
     # one that others spare carries nothing, and is closed all the same
@@ -136,7 +136,7 @@ def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     places = found[system.n : system.first_bristle]
     places += np.linalg.lstsq(lines, change, rcond=None)[0]
     members = lines != 0
-    rough = STRETCH_ROUNDOFF * np.where(members, reach[system.placed], 0.0).max(axis=1)
+    rough = STRETCH_ROUNDOFF * np.where(members, farthest[system.placed], 0.0).max(axis=1)
     at_0 = (limits == 0) & (np.where(members, np.abs(places), 0.0).max(axis=1) <= rough)
     places[members[at_0].any(axis=0)] = 0.0
     return found

@@ -54,7 +54,7 @@ def first_step(motion: Motion, rtol: float, atol: Array) -> float:
     return min(longest, 0.1 / worst**0.5) if worst > 0 else longest
 
 
-class Reach:
+class LookAhead:
     """How far a solver goes before its points are looked at: what it computes beyond an event between them is lost."""
 
     def __init__(self) -> None:
@@ -80,11 +80,11 @@ class Lookout:
     `end` is that point: local time in s and unknowns.
     """
 
-    def __init__(self, guards: Guards, interruption: Interruption, work: Work, reach: Reach) -> None:
-        self._guards, self._interruption, self._work, self._reach = guards, interruption, work, reach
+    def __init__(self, guards: Guards, interruption: Interruption, work: Work, look_ahead: LookAhead) -> None:
+        self._guards, self._interruption, self._work, self._look_ahead = guards, interruption, work, look_ahead
         self._has_left = guards.motion.has_left_in_floats or guards.motion.has_left
         self._calls, self._looked_at = 0, 0.0
-        self._goes_on = math.isclose(reach.crept, guards.motion.t, rel_tol=1e-12)
+        self._goes_on = math.isclose(look_ahead.crept, guards.motion.t, rel_tol=1e-12)
         self.end: tuple[float, Array] | None = None
         self.found = False
         """Whether it has found a guard negative."""
@@ -110,7 +110,7 @@ class Lookout:
         gone, self._looked_at = tau - self._looked_at, tau
         creeps = gone < _NOWHERE * self._guards.motion.horizon
         if creeps:
-            self._reach.crept = self._guards.motion.t + tau
+            self._look_ahead.crept = self._guards.motion.t + tau
         return creeps
 
     def points_of(self, solution: Any) -> tuple[Array, Array]:
@@ -135,18 +135,18 @@ def follow(
     horizon: float,
     solve: Callable[[float, Progress], Path],
     interruption: Interruption,
-    reach: Reach,
+    look_ahead: LookAhead,
 ) -> Path:
-    """Advance to the first event, also where it lies between computed points, or as far as the reach.
+    """Advance to the first event, also where it lies between computed points, or as far as the solver may go.
 
     ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
     """
-    path = _protected(motion, min(horizon, reach.longest), solve, interruption, reach)
+    path = _protected(motion, min(horizon, look_ahead.longest), solve, interruption, look_ahead)
     if not guards.size or path.taus.size < 2:
         return path
     along = Along(motion, guards, path)
     missed = first_dip(along)
-    reach.note(path, None if missed is None else missed.tau)
+    look_ahead.note(path, None if missed is None else missed.tau)
     if missed is not None and missed.touched is not None:
         return motion.until(path, missed.tau, touched=missed.touched)
     if missed is not None:
@@ -159,7 +159,7 @@ def _protected(
     horizon: float,
     solve: Callable[[float, Progress], Path],
     interruption: Interruption,
-    reach: Reach,
+    look_ahead: LookAhead,
 ) -> Path:
     """Advance; where that fails or is interrupted, hand over what was computed before.
 
@@ -178,12 +178,12 @@ def _protected(
             with contextlib.suppress(Exception):
                 path = solve(short, Progress(short, interruption))
                 break
-        reach.failed += 1
-        if path.taus.size > 1 and reach.failed <= _ATTEMPTS and not isinstance(fault, OutOfReach):
+        look_ahead.failed += 1
+        if path.taus.size > 1 and look_ahead.failed <= _ATTEMPTS and not isinstance(fault, OutOfReach):
             return path
         remedy = fault.remedy if isinstance(fault, OutOfReach) else LOOK_AT_SCENE
         raise SolverFailure(str(fault), remedy, path) from fault
     if interruption.pressed:
         raise Interrupted(path)
-    reach.failed = 0
+    look_ahead.failed = 0
     return path

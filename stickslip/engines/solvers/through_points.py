@@ -189,12 +189,12 @@ def _newton(
     nodes = taus[np.concatenate([first[:1], np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])])]
     # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
     half = 0.5 * (nodes[1] - nodes[0])
-    reach = np.abs(nodes[:-1] - (nodes[0] + half))
-    reach += half
-    reach[1:2] *= 0.25
+    factors = np.abs(nodes[:-1] - (nodes[0] + half))
+    factors += half
+    factors[1:2] *= 0.25
     terms = np.empty((most + _AHEAD, steps.size))
     with np.errstate(over="ignore", invalid="ignore"):
-        terms[:most] = np.cumprod(reach, axis=0) * sizes[orders[1:], first[1:]]
+        terms[:most] = np.cumprod(factors, axis=0) * sizes[orders[1:], first[1:]]
     terms[np.isnan(terms)] = np.inf
     # what is not known beyond the last term counts as no smaller than that
     terms[most:] = terms[most - 1]

@@ -163,14 +163,14 @@ class GuardsAtStart(GuardValues):
         motion, coefficients, majorant = self.motion, self.first, self.majorant
         led = self.rows.is_force[i] and motion.segment.has_functions and motion.equations.is_driven
         rough = (_BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
-        reach = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
+        tolerance = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
         if of_stop and coefficients[0, i] <= 0:
             # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
-            reach = np.inf
+            tolerance = np.inf
         elif of_stop and not has_fired:
             # in flight it is not at its limit, however low it flies: there it rebounds
-            reach = STRETCH_ROUNDOFF * majorant[0, i]
-        if not abs(coefficients[0, i]) <= reach:
+            tolerance = STRETCH_ROUNDOFF * majorant[0, i]
+        if not abs(coefficients[0, i]) <= tolerance:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
         if of_stop and coefficients[1, i] > limits[0]:

@@ -113,7 +113,7 @@ def continue_cycle(
     _check_options(scene, options)
     follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
     if isinstance(scene, Cycle):
-        first = follower.reach(_Reached(scene, one.value), float(wanted[0]))
+        first = follower.cycle_at(_Reached(scene, one.value), float(wanted[0]))
     else:
         at = follower.period(float(wanted[0]))
         first = limit_cycle(one.set(scene, float(wanted[0])), period=at, **options)
@@ -181,7 +181,7 @@ class Follower:
         every_cycle = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
         return Branch(self._parameter.name, values, tuple(every_cycle), tuple(self._points), beyond)
 
-    def reach(self, start: _Reached, value: float) -> Cycle:
+    def cycle_at(self, start: _Reached, value: float) -> Cycle:
         """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
         found = self._toward(start, value)
         if found.why:
@@ -357,7 +357,7 @@ class Follower:
                 if following.pace * place.pace <= 0:
                     return arc.fold(place, length), following
                 if (following.value - value) * place.pace >= 0:
-                    return self.reach(_Reached(following.cycle, following.value), value)
+                    return self.cycle_at(_Reached(following.cycle, following.value), value)
                 if vanishing(following.cycle):
                     return None
                 place, length = following, min(1.5 * length, 1.0)
@@ -378,7 +378,7 @@ class Follower:
                 continue
 
             def at(x: float, test: Callable[[Cycle], float] = test) -> float:
-                return test(self.reach(a if abs(x - a.value) <= abs(x - b.value) else b, x))
+                return test(self.cycle_at(a if abs(x - a.value) <= abs(x - b.value) else b, x))
 
             try:
                 found = float(scipy.optimize.brentq(at, a.value, b.value, xtol=accuracy))
@@ -395,7 +395,7 @@ class Follower:
                 break
             for near in (a, b):
                 with suppress(CycleError, SimulationError):
-                    one = _Reached(self.reach(near, middle), middle)
+                    one = _Reached(self.cycle_at(near, middle), middle)
                     break
             else:
                 break

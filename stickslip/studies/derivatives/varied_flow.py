@@ -56,10 +56,10 @@ def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
                 aged = nearby.along(motion, since[:, k], y[:, None], still)
                 others += [(weight, other, y) for weight, other, _ in aged]
             c[:, :, k] += total([weight * other.expand(tau, at, _ORDER, h).y for weight, other, at in others])
-        reach = _reach(c)
-        c *= (reach ** np.arange(_ORDER + 1))[:, None, None]
-        guess = 1.5 * reach * h
-        tau = end if reach == 1.0 and h >= end - tau else tau + reach * h
+        limit = _step_limit(c)
+        c *= (limit ** np.arange(_ORDER + 1))[:, None, None]
+        guess = 1.5 * limit * h
+        tau = end if limit == 1.0 and h >= end - tau else tau + limit * h
         S = c.sum(axis=0)
         ends.append(tau)
         found.append(c)
@@ -80,17 +80,17 @@ def _homogeneous(nearby: Nearby, motion: Motion, tau: float, y: Array, S: Array,
     return c
 
 
-def _reach(c: Array) -> float:
+def _step_limit(c: Array) -> float:
     """Return the part of the step whose remainder is below roundoff."""
     sizes = np.nan_to_num(np.abs(c)).max(axis=1)
-    powers, reach = np.arange(sizes.shape[0]), 1.0
+    powers, limit = np.arange(sizes.shape[0]), 1.0
     for _ in range(40):
-        terms = sizes * (reach**powers)[:, None]
+        terms = sizes * (limit**powers)[:, None]
         part = float((terms[-2:].max(axis=0) / np.maximum(terms.max(axis=0), _TINY)).max(initial=0.0))
         if part <= 2 * _REMAINDER:
             break
-        reach *= 0.99 * (_REMAINDER / part) ** (1.0 / _ORDER)
-    return reach
+        limit *= 0.99 * (_REMAINDER / part) ** (1.0 / _ORDER)
+    return limit
 
 
 def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
