@@ -42,9 +42,9 @@ def refined(trajectory: Trajectory, points: int) -> Samples:
     """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
     durations = trajectory.stops - trajectory.starts
     least = 16 if 16 * durations.size <= points else 1
-    counts = np.maximum(np.rint(points * durations / (durations.sum() or 1.0)), least)
+    parts = np.maximum(np.rint(points * durations / (durations.sum() or 1.0)), least)
     ends = np.column_stack([np.zeros(durations.size), trajectory.ends])
-    both = np.column_stack([counts, np.ones(counts.size)]).astype(np.intp)
+    both = np.column_stack([parts, np.ones(parts.size)]).astype(np.intp)
     more = _cut(ends.ravel(), both.ravel(), np.full(durations.size, 2))
     piece_of, taus = map(np.concatenate, zip(_fit(trajectory), more, strict=True))
     order = np.lexsort((taus, piece_of))
@@ -58,10 +58,10 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     patchworks = trajectory.patchworks
     steps = _looked_at(trajectory)
     allowed = _allowed(trajectory, steps, patchworks)
-    counts = _clipped(steps.worst(allowed))
+    parts = _clipped(steps.worst(allowed))
     if not patchworks:
-        return _cut(steps.begins, counts, steps.sizes)
-    found = [(steps.begins, counts, steps.sizes)]
+        return _cut(steps.begins, parts, steps.counts)
+    found = [(steps.begins, parts, steps.counts)]
     found += [_of_patchwork(part, trajectory.system, allowed) for part in patchworks]
     piece, taus = _cut(*map(np.concatenate, zip(*found, strict=True)))
     piece = np.concatenate(trajectory.numbers)[piece]
@@ -69,18 +69,18 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     return piece[order], taus[order]
 
 
-def _cut(ends: Array, counts: Indices, sizes: Indices) -> tuple[Indices, Array]:
+def _cut(ends: Array, parts: Indices, counts: Indices) -> tuple[Indices, Array]:
     """Return pieces and local times: the ends of steps, and evenly spaced times within each.
 
-    `ends` are those of one piece after the other, its start among them, and `sizes` how many each piece has. The step
-    from each on is cut into `counts` parts; the last of a piece counts 1.
+    `ends` are those of one piece after the other, its start among them, and `counts` how many each piece has. The step
+    from each on is cut into so many `parts`; the last of a piece counts 1.
     """
     lengths = np.zeros(ends.size)
     lengths[:-1] = ends[1:] - ends[:-1]
-    step = np.arange(ends.size).repeat(counts)
-    inner = np.arange(step.size) - (counts.cumsum() - counts)[step]
-    taus = ends[step] + lengths[step] * (inner / counts[step])
-    return np.arange(sizes.size).repeat(sizes)[step], taus
+    step = np.arange(ends.size).repeat(parts)
+    inner = np.arange(step.size) - (parts.cumsum() - parts)[step]
+    taus = ends[step] + lengths[step] * (inner / parts[step])
+    return np.arange(counts.size).repeat(counts)[step], taus
 
 
 def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Array, Indices, Indices]:
@@ -91,11 +91,11 @@ def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Arra
     begins, piece = part.steps
     # all pieces in one line: the steps of each begin, then it ends
     place = np.arange(begins.size) + piece
-    sizes = np.bincount(piece) + 1
-    ends, counts = np.empty(begins.size + sizes.size), np.ones(begins.size + sizes.size, dtype=np.intp)
-    ends[place], counts[place] = begins - part.starts[piece], _clipped(part.worst(allowed[:n], distance))
-    ends[np.cumsum(sizes) - 1] = part.durations
-    return ends, counts, sizes
+    counts = np.bincount(piece) + 1
+    ends, parts = np.empty(begins.size + counts.size), np.ones(begins.size + counts.size, dtype=np.intp)
+    ends[place], parts[place] = begins - part.starts[piece], _clipped(part.worst(allowed[:n], distance))
+    ends[np.cumsum(counts) - 1] = part.durations
+    return ends, parts, counts
 
 
 def _clipped(worst: Array) -> Indices:
@@ -106,7 +106,7 @@ class _Look(NamedTuple):
     """What is asked of the steps of paths; quantities are the states, then the positions of all bodies."""
 
     begins: Array  # (k,): local time in s at which each step begins; the last of a path has no length
-    sizes: Indices  # (p,): how many steps each path has
+    counts: Indices  # (p,): how many steps each path has
     moved: Array  # (k, n): how far the bodies come in each step
     # (steps, quantities): bounds of second derivatives, if each step had the length 1, of some steps after others
     bends: tuple[Array, ...]
@@ -123,7 +123,7 @@ class _Look(NamedTuple):
         size = derivatives @ np.abs(steps.coefficients)
         bends = np.concatenate([size[:, 0], size[:, 1, :n] * h], axis=1)
         low, high = values.min(axis=0)[:-1].min(axis=0), values.max(axis=0)[:-1].max(axis=0)
-        return cls(steps.begins, steps.sizes, values[:, -1, :n] * h, (bends,), low, high)
+        return cls(steps.begins, steps.counts, values[:, -1, :n] * h, (bends,), low, high)
 
     def worst(self, allowed: Array) -> Array:
         """Return the largest bound in each step, as a part of what is allowed."""
@@ -138,11 +138,11 @@ def _looked_at(trajectory: Trajectory) -> _Look:
     if len(found) == 1:
         return found[0]
     none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n))
-    begins, sizes, moved = (np.concatenate(parts) for parts in zip(none, *(look[:3] for look in found), strict=True))
+    begins, counts, moved = (np.concatenate(parts) for parts in zip(none, *(look[:3] for look in found), strict=True))
     bends = tuple(own for look in found for own in look.bends)
     low = reduce(np.minimum, [look.low for look in found], np.full(size, np.inf))
     high = reduce(np.maximum, [look.high for look in found], np.full(size, -np.inf))
-    return _Look(begins, sizes, moved, bends, low, high)
+    return _Look(begins, counts, moved, bends, low, high)
 
 
 def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
@@ -171,7 +171,7 @@ def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork
         return steps.moved.cumsum(axis=0)
     # the motion over each patchwork counts as one step more
     is_patchwork = np.array([isinstance(part, Patchwork) for part in trajectory.parts])
-    before = np.append(0, steps.sizes.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
+    before = np.append(0, steps.counts.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
     gone = np.array([part.at_ends[1] - part.at_ends[0] for part in patchworks])
     moved = np.insert(steps.moved, before, gone, axis=0) if steps.moved.size else gone
     come = moved.cumsum(axis=0)

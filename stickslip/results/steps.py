@@ -48,7 +48,7 @@ class Steps:
         return self.firsts.size - 1
 
     @property
-    def sizes(self) -> Indices:
+    def counts(self) -> Indices:
         """How many steps each path has."""
         return self.firsts[1:] - self.firsts[:-1]
 
@@ -77,7 +77,7 @@ class Steps:
 
         Complex numbers are in order of their real parts, those with the same in order of their imaginary parts.
         """
-        return np.arange(self.paths).repeat(self.sizes) + 1j * self.begins
+        return np.arange(self.paths).repeat(self.counts) + 1j * self.begins
 
 
 class Blocks:
