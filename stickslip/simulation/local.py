@@ -430,8 +430,8 @@ class Local:
         """Return the modes of rows as results have them: open ones with what they show."""
         parts = self._parts
         mode: Modes = parts.mode[rows]
-        if parts.any_top:
-            mode = np.where(parts.top[rows] != 0, parts.top[rows], mode)
+        if parts.any_at_level:
+            mode = np.where(parts.at_level[rows] != 0, parts.at_level[rows], mode)
         return packed(mode, parts.label[rows]) if parts.opens else mode
 
     def _told(self, rows: Indices) -> Array:

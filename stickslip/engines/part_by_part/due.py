@@ -57,12 +57,12 @@ class Due:
         self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
         self.direction = np.zeros(m, dtype=np.int8)
         self.at_once = np.empty(0, dtype=np.intp)
-        system, label, top = self._system, parts.label, parts.top
+        system, label, at_level = self._system, parts.label, parts.at_level
         above, below = system.is_stop & (label > 0), system.is_stop & (label < 0)
         self.bounds = np.where(system.is_tie, 0, np.ones((2, m), dtype=np.int8))
-        self.bounds[0, system.is_one_way | above | (top == AT_LOW)] = 0
-        self.bounds[1, below | (top == AT_HIGH)] = 0
-        self.bounds[:, top != 0] *= -1
+        self.bounds[0, system.is_one_way | above | (at_level == AT_LOW)] = 0
+        self.bounds[1, below | (at_level == AT_HIGH)] = 0
+        self.bounds[:, at_level != 0] *= -1
         self._any_bounds = bool((self.bounds != 1).any())
         slick = system.is_one_way | system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) == 0)
         self.near_rest = np.where(slick & (np.abs(parts.mode) == 1), margin, 0.0)

@@ -20,7 +20,7 @@ class Knot:
 
     Attributes
     ----------
-    bodies, held, top : array of int
+    bodies, held, at_level : array of int
         Its bodies, its held rows, and those that carry their level.
     mobility : array (k, k)
         Accelerations from the forces on the bodies.
@@ -31,7 +31,7 @@ class Knot:
     def __init__(self, equations: ModeEquations, bodies: Indices, rows: Indices) -> None:
         system = equations.system
         self.bodies = bodies
-        self.held, self.top = np.intersect1d(rows, equations.held), np.intersect1d(rows, equations.at_level)
+        self.held, self.at_level = np.intersect1d(rows, equations.held), np.intersect1d(rows, equations.at_level)
         G, D = dense(system.G[self.held])[:, bodies], dense(system.D[self.held])
         self._balance = balance = Balance(system.inertia[bodies], G, D)
         nothing = np.zeros((bodies.size, system.drives))
@@ -39,7 +39,7 @@ class Knot:
         self.led = balance.accelerations(nothing, np.eye(system.drives))
         self._shares = np.empty((0, bodies.size))
         if equations.shares is not None:
-            places = equations.at_level.searchsorted(self.top)
+            places = equations.at_level.searchsorted(self.at_level)
             self._shares = dense(equations.shares[places])[:, bodies]
 
     def consistent(self, v: Array, u: Array) -> Array:

@@ -70,9 +70,9 @@ class Parts:
         Moving rows that start from rest, and gaps that have just come into their regions.
     mode : array (m,)
         Modes of rows as the equations know them, but 0 where they carry their level.
-    top : array (m,)
+    at_level : array (m,)
         AT_HIGH or AT_LOW there, 0 elsewhere.
-    any_top : bool
+    any_at_level : bool
         Whether there are such rows.
     elastic : Elastic
         What gaps do.
@@ -107,9 +107,9 @@ class Parts:
         self._led[forest.child[forest.gaps[forest.drive[forest.gaps] >= 0]]] = True
         self._any_led = bool(self._led.any())
         self.mode, self.label, self.since = equations.modes.copy(), labels.copy(), motion.since.copy()
-        self.top = np.where((self.mode == AT_HIGH) | (self.mode == AT_LOW), self.mode, 0)
-        self.any_top = bool(self.top.any())
-        self.mode[self.top != 0] = 0
+        self.at_level = np.where((self.mode == AT_HIGH) | (self.mode == AT_LOW), self.mode, 0)
+        self.any_at_level = bool(self.at_level.any())
+        self.mode[self.at_level != 0] = 0
         self.groups = Groups(forest, self._knots, ((self.mode == 0) & forest.in_tree).nonzero()[0])
         self.started = np.zeros(m, dtype=bool)
         self._place = np.full(n, -1)
@@ -398,7 +398,7 @@ class Parts:
         rest = force - (inertia[:, None] * velocity[:, 1 : terms + 1]) * (self._ascending[:terms] / unit)
         rows, held = self._watch(patch, rest, groups)
         for knot, at in knots:
-            rested = np.concatenate([knot.held, knot.top])
+            rested = np.concatenate([knot.held, knot.at_level])
             self.watched[rested] = 0.0
             self.watched[rested, : rest.shape[1]] = knot.forces(rest[at])
             self.row_origin[rested] = t
