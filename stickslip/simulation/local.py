@@ -356,7 +356,7 @@ class Local:
         parts.mode[which] = parts.label[which] = mode[changed]
         parts.since[which] = t
         ends = np.concatenate([forest.child[which], forest.parent[which]])
-        parts.rub(distinct(ends[ends >= 0]))
+        parts.enter_friction(distinct(ends[ends >= 0]))
         self._tick(t, True)
         self._expand(patch, v, t, which[mode[changed] != 0])
         were, are = old[changed].tolist(), mode[changed].tolist()

@@ -192,13 +192,13 @@ class Due:
         stretch, rate, _ = np.abs(self._system.piecewise.border[border]).tolist()
         size = self._slope_size(j, border)
         if rate:
-            size += rate * self._pull(j, t) * unit
+            size += rate * self._second_derivative_size(j, t) * unit
         first, second = g[1:3].tolist()
         if abs(first) > _CLEAR * size:
             return 1 if first > 0 else -1
         if abs(first) > ROUNDOFF * size or rate:
             return 0
-        if abs(second) > _CLEAR * 0.5 * stretch * self._pull(j, t) * unit**2:
+        if abs(second) > _CLEAR * 0.5 * stretch * self._second_derivative_size(j, t) * unit**2:
             return 2 if second > 0 else -2
         return 0
 
@@ -207,12 +207,12 @@ class Due:
         stretch = abs(float(self._system.piecewise.border[border, 0]))
         return stretch * float(self._sizes(np.array([j]))[1][0]) * self._parts.unit
 
-    def _pull(self, j: int, t: float) -> float:
+    def _second_derivative_size(self, j: int, t: float) -> float:
         """Return what adds up in the second derivative of the stretch of a gap."""
         parts, forest = self._parts, self._parts.forest
         ends = ((int(forest.child[j]), 0), (int(forest.parent[j]), 1))
         of_drive = abs(forest.lever[j, 2] * parts.prescribed.drive_at(int(forest.drive[j]), t)[1])
-        return float(of_drive + sum(abs(forest.lever[j, e]) * parts.pull(i, t) for i, e in ends if i >= 0))
+        return float(of_drive + sum(abs(forest.lever[j, e]) * parts.acceleration_size(i, t) for i, e in ends if i >= 0))
 
     def _sizes(self, rows: Indices) -> tuple[Array, Array]:
         """Return what adds up in the stretches of some gaps, and in their rates."""
@@ -331,7 +331,7 @@ class Due:
         forest = parts.forest
         if parts.mode[j] == 0:
             level = float(self._system.mu_s[0, j]) * parts.prescribed.normal_at(j, t)
-            return level or parts.push(int(forest.child[j]), t)
+            return level or parts.force_size(int(forest.child[j]), t)
         child, parent, drive = np.abs(forest.lever[j]).tolist()
         total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
@@ -353,7 +353,7 @@ class Due:
             if not left:
                 continue
             ends = [int(i) for i in (forest.child[j], forest.parent[j]) if i >= 0]
-            size = self._pull(j, t) * parts.unit + ROUNDOFF * sum(float(parts.speed[i]) for i in ends)
+            size = self._second_derivative_size(j, t) * parts.unit + ROUNDOFF * sum(float(parts.speed[i]) for i in ends)
             if abs(w[1]) > _MOVES * size and abs(w[0]) <= ROUNDOFF * self.floor(j, t):
                 parts.label[j] = 1 if w[1] > 0 else -1
                 parts.started[j] = True
@@ -366,7 +366,7 @@ class Due:
         """Let an open row go on to the other side as its velocity passes 0 at `t`; False where that is not clear."""
         parts = self._parts
         c = self.moved(np.array([j]), t)[0]
-        if -parts.label[j] * c[1] <= _MOVES * self._pull(j, t) * parts.unit:
+        if -parts.label[j] * c[1] <= _MOVES * self._second_derivative_size(j, t) * parts.unit:
             return False
         parts.watched[j], parts.row_origin[j] = c, t
         parts.label[j], parts.started[j] = -parts.label[j], True

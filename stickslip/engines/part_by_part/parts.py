@@ -127,7 +127,7 @@ class Parts:
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
         self._any_dwells = bool(self.dwells.any())
         self._force = self._given.copy()
-        self.rub(np.arange(n))
+        self.enter_friction(np.arange(n))
 
     @property
     def is_bent(self) -> Mask:
@@ -142,7 +142,7 @@ class Parts:
         prescribed = self.prescribed
         return bool(prescribed.bends_with[self.groups.lead[bodies]].any() or prescribed.feels_sines[bodies].any())
 
-    def rub(self, bodies: Indices) -> None:
+    def enter_friction(self, bodies: Indices) -> None:
         """Enter the friction of moving rows among the forces on some bodies."""
         forest = self.forest
         if forest.row_of is not None and bodies.size == 1:
@@ -155,10 +155,10 @@ class Parts:
                 self._force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.prescribed.normal[j]
             return
         force, rows = self._given[bodies], distinct(self.rows_at(bodies))
-        self._rub(force, bodies, rows, self.prescribed.normal[rows])
+        self._add_friction(force, bodies, rows, self.prescribed.normal[rows])
         self._force[bodies] = force
 
-    def _rub(self, force: Array, bodies: Indices, rows: Indices, normals: Array) -> None:
+    def _add_friction(self, force: Array, bodies: Indices, rows: Indices, normals: Array) -> None:
         """Add the friction of the moving ones among some rows to forces on bodies, a line each."""
         forest, place = self.forest, self._place
         moving = np.abs(self.mode[rows]) == 1
@@ -183,7 +183,7 @@ class Parts:
         bodies = elastic.enter(gaps, elastic.beyond(gaps, places))
         self.label[rows] = elastic.labels(gaps)
         self._given[bodies, 0] = self.prescribed.force[bodies, 0] + elastic.constant[bodies]
-        self.rub(bodies)
+        self.enter_friction(bodies)
         return np.unique(self.groups.of[bodies])
 
     # -- values ----------------------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ class Parts:
         if prescribed.rows.any:
             rows = distinct(self.rows_at(bodies))
             rows = rows[prescribed.rows.moves[rows]]
-            self._rub(found, bodies, rows, prescribed.rows.series(rows, t, found.shape[1], unit))
+            self._add_friction(found, bodies, rows, prescribed.rows.series(rows, t, found.shape[1], unit))
         return found
 
     def _with_led_gaps(self, force: Array, bodies: Indices, t: float) -> Array:
@@ -231,16 +231,16 @@ class Parts:
         np.add.at(found[:, : push.shape[1]], own, push)
         return found
 
-    def pull(self, i: int, t: float) -> float:
+    def acceleration_size(self, i: int, t: float) -> float:
         """Return what adds up in the acceleration of a body at time `t`: its roundoff is a part of it."""
         groups = self.groups
         lead = int(groups.lead[i])
         if lead != UNLED:
-            return 0.0 if lead < 0 else self.prescribed.drive_pull(lead)
+            return 0.0 if lead < 0 else self.prescribed.drive_acceleration_size(lead)
         inertia = self.inertia[groups.bodies(int(groups.of[i]))]
-        return self.push(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
+        return self.force_size(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
 
-    def push(self, i: int, t: float) -> float:
+    def force_size(self, i: int, t: float) -> float:
         """Return what adds up in the forces on a body, and on all that move with it, at time `t`."""
         forest, bodies = self.forest, self.groups.bodies(int(self.groups.of[i]))
         places, own = spans(forest.near_from, bodies), self.forces_at(bodies, t)[:, 0]
@@ -301,7 +301,7 @@ class Parts:
         """
         found = np.zeros(self.system.size)
         for i in states[states < self.system.n].tolist():
-            found[i] = self.pull(i, t) * self.unit
+            found[i] = self.acceleration_size(i, t) * self.unit
         return found
 
     def _along(self, series: Array, bodies: Indices, times: Array) -> Array:

@@ -130,6 +130,6 @@ class Prescribed:
         found[:, 0] = self.drives.positions(drives, np.array([t]))[:, 0]
         return found
 
-    def drive_pull(self, k: int) -> float:
+    def drive_acceleration_size(self, k: int) -> float:
         """Return what adds up in the acceleration of a drive."""
         return float(np.abs(self.drives.velocity[k, 1]) + self.drive_size[k])
