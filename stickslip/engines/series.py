@@ -197,7 +197,7 @@ class Series:
             limit = min(limit, found)
         return limit
 
-    def _floor(self, motion: Motion, guards: Guards, i: int, first: float | None) -> float:
+    def _roundoff_scale(self, motion: Motion, guards: Guards, i: int, first: float | None) -> float:
         """Return what a guard has the roundoff of: the largest speeds so far, or forces at the start.
 
         In the `first` step, of that length, a border that is left is measured from where it is at the start: it has the
@@ -226,8 +226,8 @@ class Series:
             c, own = g[:, i], b
             if found is not None:
                 c, own = c * found ** np.arange(c.size), None
-            floor = self._floor(motion, guards, i, first)
-            root, only = first_touch(c, floor, own) if may_stick[i] else (first_root(c, floor, own), False)
+            scale = self._roundoff_scale(motion, guards, i, first)
+            root, only = first_touch(c, scale, own) if may_stick[i] else (first_root(c, scale, own), False)
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root

@@ -88,7 +88,7 @@ class Local:
         rows = (some & (parts.label != 0)).nonzero()[0]
         if rows.size:
             w, rate = due.moved(rows, t)[:, :2].T / np.array([[1.0], [parts.unit]])
-            speeds = np.array([due.floor(j, t) for j in rows.tolist()]) + np.abs(rate * t)
+            speeds = np.array([due.roundoff_scale(j, t) for j in rows.tolist()]) + np.abs(rate * t)
             duration = t - parts.row_origin[rows]
             found[rows] = arrives(w, rate, duration, parts.label[rows], ROUNDOFF * speeds)
         return found

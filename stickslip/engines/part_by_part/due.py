@@ -253,7 +253,7 @@ class Due:
         if parts.started[j]:
             g = np.append(g[1:], 0.0)
         sticks = abs(mode) == 1 and bool(self._system.holds_more[0 if mode > 0 else 1, j])
-        self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, self.floor(j, t), sticks)
+        self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, self.roundoff_scale(j, t), sticks)
 
     def _refine_held(self, j: int, t: float, due: float) -> None:
         """Find the first root of a held row; a level that rises is followed for as long as its series holds."""
@@ -282,7 +282,7 @@ class Due:
                 g = _risen(g, lag, span / dwell, normal)
             g *= bound
             if g[0] <= np.abs(g[1:]).sum():
-                self._enter(j, g, t, span, sign, self.floor(j, t))
+                self._enter(j, g, t, span, sign, self.roundoff_scale(j, t))
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):
             # not up to there: look again with the level as it is then, for it never falls below that
             self.is_root[j] = False
@@ -325,7 +325,7 @@ class Due:
         if root is not None and t + span * root < self.when[j]:
             self.when[j], self.is_root[j], self.direction[j] = t + span * root, True, side
 
-    def floor(self, j: int, t: float) -> float:
+    def roundoff_scale(self, j: int, t: float) -> float:
         """Return what a guard has the roundoff of."""
         parts = self._parts
         forest = parts.forest
@@ -354,11 +354,11 @@ class Due:
                 continue
             ends = [int(i) for i in (forest.child[j], forest.parent[j]) if i >= 0]
             size = self._second_derivative_size(j, t) * parts.unit + ROUNDOFF * sum(float(parts.speed[i]) for i in ends)
-            if abs(w[1]) > _MOVES * size and abs(w[0]) <= ROUNDOFF * self.floor(j, t):
+            if abs(w[1]) > _MOVES * size and abs(w[0]) <= ROUNDOFF * self.roundoff_scale(j, t):
                 parts.label[j] = 1 if w[1] > 0 else -1
                 parts.started[j] = True
                 moved.append(j)
-            elif left > ROUNDOFF * (size + self.floor(j, t)):
+            elif left > ROUNDOFF * (size + self.roundoff_scale(j, t)):
                 unclear.append(j)
         return np.array(moved, dtype=np.intp), np.array(unclear, dtype=np.intp)
 
