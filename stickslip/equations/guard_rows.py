@@ -53,7 +53,7 @@ class InModes(Protocol):
 
 
 class GuardRows:
-    """Each guard is ``turn z[source] + mu q[row] - rise q[dwell] + constant``.
+    """Each guard is ``sign z[source] + mu q[row] - rise q[dwell] + constant``.
 
     First the slipping rows, then the upper and the lower levels of held rows and of rows in pre-slip, then the rows
     that carry their level, then the borders of regions, which belong to no row (-1), then the normal forces that depend
@@ -84,7 +84,7 @@ class GuardRows:
         # a one-way clutch and a stop hold nothing below 0
         holds, mu_s, rises = system.is_friction, system.mu_s, system.rise
         band, side = system.laws.slips_beyond, equations.side
-        # of the rows of each kind: row, source, turn, mu, rise, constant, direction, kind
+        # of the rows of each kind: row, source, sign, mu, rise, constant, direction, kind
         kinds: list[tuple[Indices, Callable[[Indices], tuple[Any, ...]]]] = [
             (slip, lambda j: (j, j, modes[j], 0, 0, 0, 0, 0)),
             (upper, lambda j: (j, place[j], -1, mu_s[0, j], rises[0, j], 0, 1, 1)),
@@ -106,7 +106,7 @@ class GuardRows:
             return found
 
         self.row, self.source = column(0, np.intp), column(1, np.intp)
-        self.turn, self.mu, rise, self.constant, self.direction = map(column, range(2, 7))
+        self.sign, self.mu, rise, self.constant, self.direction = map(column, range(2, 7))
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
         self.reads_forces = bool(self.is_force.any() or borders.size)
@@ -154,12 +154,12 @@ class GuardRows:
     @cached_property
     def by_state(self) -> Any:
         """The guards from the states."""
-        return scaled(self.turn, self._equations.E[self.source])
+        return scaled(self.sign, self._equations.E[self.source])
 
     @cached_property
     def by_input(self) -> Array:
         """The guards, but for constants, from the inputs of a small scene."""
-        found: Array = self.turn[:, None] * self._equations.H[self.source]
+        found: Array = self.sign[:, None] * self._equations.H[self.source]
         found[np.arange(self.size), self.row] += self.mu
         found[self.rising, self.dwell] -= self.rise
         return found
@@ -168,14 +168,14 @@ class GuardRows:
         """Return what columns of states add to the guards."""
         if self._equations.is_assembled:
             return np.asarray(self.by_state @ y)
-        return np.asarray(self.turn[:, None] * self._equations.watch(y)[self.source])
+        return np.asarray(self.sign[:, None] * self._equations.watch(y)[self.source])
 
     def of_inputs(self, q: Array) -> Array:
         """Return what columns of inputs add to the guards, but for constants."""
         if not self._equations.system.sparse:
             return self.by_input @ q
         z = self._equations.respond(q)[self._equations.system.size :]
-        found = self.turn[:, None] * z[self.source] + self.mu[:, None] * q[self.row]
+        found = self.sign[:, None] * z[self.source] + self.mu[:, None] * q[self.row]
         found[self.rising] -= self.rise[:, None] * q[self.dwell]
         return np.asarray(found)
 
@@ -209,10 +209,10 @@ class GuardRows:
 
     def majorants(self, z: Array, q: Array) -> Array:
         """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""
-        turn, mu, rise = (np.abs(x) for x in (self.turn, self.mu, self.rise))
+        sign, mu, rise = (np.abs(x) for x in (self.sign, self.mu, self.rise))
         if z.ndim == 2:
-            turn, mu, rise = turn[:, None], mu[:, None], rise[:, None]
-        found = turn * z[self.source] + mu * q[self.row]
+            sign, mu, rise = sign[:, None], mu[:, None], rise[:, None]
+        found = sign * z[self.source] + mu * q[self.row]
         if self.rising.size:
             found[self.rising] += rise * q[self.dwell]
         return np.asarray(found)

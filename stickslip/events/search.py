@@ -178,7 +178,7 @@ class Search:
         slow = slow[~np.isin(part[slow], part[over])]
         # a contact in pre-slip passes its limit and slips; all others come to rest
         in_band = (trial[guards.row[slow]] == 0) & ~self._system.hard[guards.row[slow]]
-        following[guards.row[slow]] = np.where(in_band, -guards.rows.turn[slow], 0)
+        following[guards.row[slow]] = np.where(in_band, -guards.rows.sign[slow], 0)
         carrying = over[guards.direction[over] == 0]
         if carrying.size:
             # the share of a row that carries its level is within it again: it holds

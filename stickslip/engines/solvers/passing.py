@@ -48,7 +48,7 @@ def _once_driven_back(along: Along, i: int, root: float, end: float) -> float:
     motion, guards, path = along.motion, along.guards, along.path
     if i not in guards.passing or not 0 < root < end:
         return root
-    row, sign = int(guards.row[i]), float(guards.rows.turn[i])
+    row, sign = int(guards.row[i]), float(guards.rows.sign[i])
     least = ROUNDOFF * float(guards.majorant[1, i])
 
     def rising(tau: float) -> float:

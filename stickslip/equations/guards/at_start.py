@@ -288,7 +288,7 @@ class GuardsAtStart(GuardValues):
     @cached_property
     def force_scale(self) -> Array:
         """The size of what guards of forces compare at the start, force and level; without meaning for others."""
-        force = self.rows.turn * self.motion.first.z[0][self.rows.source]
+        force = self.rows.sign * self.motion.first.z[0][self.rows.source]
         size = np.abs(force) + np.abs(self.first[0] - force)
         return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)
 

@@ -41,7 +41,7 @@ class Guards(GuardsAtStart):
         q = motion.inputs(tau, y)
         z = motion.watched(tau, y, q)
         g = self.raw(z, q)
-        force = rows.turn * z[rows.source]
+        force = rows.sign * z[rows.source]
         size = np.abs(force) + np.abs(g - force)
         some = rows.velocities
         if some.size:
@@ -328,7 +328,7 @@ class Guards(GuardsAtStart):
             return None
         found = rows.of_inputs(sums.inputs)
         found[:, sums.columns.states] += rows.by_state
-        found[:, sums.forces] += rows.turn[:, None] * self.motion.equations.L[rows.source]
+        found[:, sums.forces] += rows.sign[:, None] * self.motion.equations.L[rows.source]
         found[:, 0] += self._added
         return smallest_of(found, sums.columns.terms)
 

@@ -45,7 +45,7 @@ class GuardValues:
             self._constant = rows.constant.copy()
             slips = slice(rows.slips)
             # what has left rest, or is led through Karnopp's dead band, comes to rest at 0 only
-            speed = rows.turn[slips] * motion.first.z[0][rows.source[slips]]
+            speed = rows.sign[slips] * motion.first.z[0][rows.source[slips]]
             within = (speed <= -(1 + AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
             within = within | self.rests[slips] if in_band is None else np.isin(rows.row[slips], in_band)
             self._constant[slips] = np.where(within, 0.0, rows.threshold)
@@ -71,7 +71,7 @@ class GuardValues:
     def raw(self, z: Array, q: Array) -> Array:
         """Return the guards as they are, one column per time where `z` and `q` have columns."""
         rows, column = self.rows, (slice(None), None) if z.ndim == 2 else slice(None)
-        g: Array = rows.turn[column] * z[rows.source]
+        g: Array = rows.sign[column] * z[rows.source]
         if rows.has_levels:
             g += rows.mu[column] * q[rows.row]
         if self._has_constant:
@@ -86,7 +86,7 @@ class GuardValues:
         if expansion.g is not None:
             g = self.completed(expansion.g, expansion.z)
             return np.concatenate([g[:1] + self._constant, g[1:]]) if self._has_constant else g
-        g = rows.turn * expansion.z[:, rows.source]
+        g = rows.sign * expansion.z[:, rows.source]
         if rows.has_levels:
             g += rows.mu * expansion.q[:, rows.row]
         if rows.rising.size:
@@ -101,7 +101,7 @@ class GuardValues:
         if not rows.loose:
             return g
         own = slice(-rows.loose, None)
-        return np.concatenate([g, z[..., rows.source[own]] * rows.turn[own]], axis=-1)
+        return np.concatenate([g, z[..., rows.source[own]] * rows.sign[own]], axis=-1)
 
     @cached_property
     def start(self) -> Array:
