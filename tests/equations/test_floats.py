@@ -29,7 +29,7 @@ from stickslip import (
     triangle,
     velocity,
 )
-from stickslip.engines.solvers.along import Along
+from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import FREE, equations_in
 from stickslip.equations.motion import Motion
@@ -195,7 +195,7 @@ def test_guards_are_polynomials_where_inputs_are_linear_in_the_state(case: str, 
     taus = np.array([0.0, 0.03, 0.1])
     points = random.normal(size=(2, order + 1, motion.y.size))
     path = Path(taus, from_nodes(order) @ points, points[-1, -1], False, True)
-    along = Along(motion, guards, path)
+    along = GuardsAlong(motion, guards, path)
     rows = along.are_exact.nonzero()[0]
     assert guards.is_normal.any() == (case == "pressed by the state")
     assert along.are_exact[guards.is_normal | guards.is_velocity].all()

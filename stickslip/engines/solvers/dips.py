@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.engines.solvers.along import Along
+from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.model.arrays import Array, Indices, Mask
 
 # About the quarters of a step, not evenly: what repeats itself from one to the next is no line.
@@ -49,7 +49,7 @@ class Dip(NamedTuple):
     touched: int | None = None
 
 
-def first_dip(along: Along) -> Dip | None:
+def first_dip(along: GuardsAlong) -> Dip | None:
     """Return the first place between computed points at which a guard is negative or a velocity touches 0."""
     motion, guards, low, taus = along.motion, along.guards, along.low, along.path.taus
     touch = _TOUCHES * np.where(guards.stick_at_touch, guards.uncertain, 0.0)

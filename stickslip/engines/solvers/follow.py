@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines.progress import Interruption, OutOfReach, Progress
-from stickslip.engines.solvers.along import Along
 from stickslip.engines.solvers.dips import first_dip
+from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.engines.solvers.passing import back_to_zero
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards.guards import Guards
@@ -144,7 +144,7 @@ def follow(
     path = _protected(motion, min(horizon, look_ahead.longest), solve, interruption, look_ahead)
     if not guards.size or path.taus.size < 2:
         return path
-    along = Along(motion, guards, path)
+    along = GuardsAlong(motion, guards, path)
     missed = first_dip(along)
     look_ahead.note(path, None if missed is None else missed.tau)
     if missed is not None and missed.touched is not None:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.engines.solvers.along import Along
+from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.guards.guards import FULLY
 from stickslip.equations.path import Path
@@ -23,7 +23,7 @@ from stickslip.model.crossings import root_between
 _FEW = 4  # points that are looked at together, the last first: a velocity is not beyond 0 for long
 
 
-def back_to_zero(along: Along, end: float) -> Path:
+def back_to_zero(along: GuardsAlong, end: float) -> Path:
     """Return the path up to where the first of the guards was 0 that are negative at local time `end`."""
     guards, path, found = along.guards, along.path, end
     late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
@@ -40,7 +40,7 @@ def back_to_zero(along: Along, end: float) -> Path:
     return replace(path, hit=True) if found >= path.taus[-1] else along.motion.until(path, found, hit=True)
 
 
-def _once_driven_back(along: Along, i: int, root: float, end: float) -> float:
+def _once_driven_back(along: GuardsAlong, i: int, root: float, end: float) -> float:
     """Return the first time from a root of a guard on at which the motion drives a velocity down to 0.
 
     One that comes to 0 falls. Where it does not, it is 0 by errors only, and has not been farther from it than these.
@@ -64,7 +64,7 @@ def _once_driven_back(along: Along, i: int, root: float, end: float) -> float:
     return root
 
 
-def _last_before(along: Along, row: int, end: float, late: bool) -> int | None:
+def _last_before(along: GuardsAlong, row: int, end: float, late: bool) -> int | None:
     """Return the last point before `end` at which a guard is not negative, None where it was so from the start."""
     taus, rows = along.path.taus, np.array([row])
     last, count = int(taus.searchsorted(end)) - 1, _FEW

@@ -11,7 +11,7 @@ from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.crossings import root_between
 
 
-class Along:
+class GuardsAlong:
     """The guards of a motion along its path.
 
     `low` is what no guard goes below in each step, -inf where that is not known; `are_exact` tells which guards are
