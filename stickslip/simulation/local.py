@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.engines.part_by_part.due import Due
 from stickslip.engines.part_by_part.groups import UNLED
 from stickslip.engines.part_by_part.knots import Knots
+from stickslip.engines.part_by_part.next_roots import NextRoots
 from stickslip.engines.part_by_part.parts import Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
@@ -83,7 +83,7 @@ class Local:
 
     def arrived(self, t: float, some: Mask) -> Mask:
         """Tell which of some rows have come to rest at time `t`, where the whole scene is to be settled."""
-        parts, due = self._parts, self._due
+        parts, due = self._parts, self._next_roots
         found = np.zeros(parts.mode.size, dtype=bool)
         rows = (some & (parts.label != 0)).nonzero()[0]
         if rows.size:
@@ -111,7 +111,7 @@ class Local:
         motion, guards = now.motion, now.guards
         self._now = now
         parts = self._parts = Parts(self._forest, self._knots, motion, now.labels, self._work)
-        self._due = due = Due(parts, self._work, self._margin)
+        self._next_roots = due = NextRoots(parts, self._work, self._margin)
         self._work.starts += 1
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size
@@ -132,7 +132,7 @@ class Local:
 
     def _loop(self) -> Ending:
         parts = self._parts
-        due, is_root = self._due.when, self._due.is_root
+        due, is_root = self._next_roots.when, self._next_roots.is_root
         tie = _TIE * parts.unit
         while not self._interruption.pressed:
             j = int(due.argmin()) if due.size else 0
@@ -147,13 +147,13 @@ class Local:
                     return self._ending(parts.ended, self._bad, self._any_gap(self._bad))
                 continue
             if not is_root[j]:
-                self._due.refine(j)
+                self._next_roots.refine(j)
                 continue
             near = (due <= t + tie).nonzero()[0]
             if near.size > 1:
                 rough = near[~is_root[near]]
                 for k in rough.tolist():
-                    self._due.refine(k)
+                    self._next_roots.refine(k)
                 if rough.size:
                     continue
             if self._stops_until(t):
@@ -161,7 +161,7 @@ class Local:
             if parts.stop - t <= TOGETHER * abs(parts.stop):
                 # the break itself: what was added up to it has been rounded
                 return self._ending(parts.stop, near, self._any_gap(near))
-            if self._any_slick and self._due.near_rest[near].any():
+            if self._any_slick and self._next_roots.near_rest[near].any():
                 return self._ending(t, _NONE, True)
             if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
                 # what a gap at a border does is not to be asked here again at once
@@ -198,7 +198,7 @@ class Local:
         live = parts.is_bent
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
         live[row[live[forest.near]]] = True
-        live[forest.child[self._due.is_bounded]] = True
+        live[forest.child[self._next_roots.is_bounded]] = True
         bodies = parts.groups.sharing(live)
         parts.end = parts.stop
         self._bad = _NONE
@@ -219,12 +219,12 @@ class Local:
         self._enter_rows(np.concatenate([held, started]))
         self._opened = unclear = _NONE
         if parts.opens:
-            self._opened, unclear = self._due.opens_up(rows, t)
+            self._opened, unclear = self._next_roots.opens_up(rows, t)
             self._enter_rows(self._opened)
         live = parts.live_rows(patch, rows)
         if parts.end >= parts.stop and parts.bends(patch.bodies):
             parts.end = min(parts.stop, t + parts.unit)
-        self._bad = self._due.look(rows, t, live)
+        self._bad = self._next_roots.look(rows, t, live)
         if unclear.size:
             self._bad = np.concatenate([self._bad, unclear])
 
@@ -247,7 +247,7 @@ class Local:
         if before:
             parts.since[j] = t
         tree, where = self._tree(j, groups, patch, before)
-        outcome = settle_tree(forest, tree, int(self._due.direction[j]) if before == 0 else 0)
+        outcome = settle_tree(forest, tree, int(self._next_roots.direction[j]) if before == 0 else 0)
         if outcome is None or outcome.mode[0] == before:
             parts.since[j] = since
             return False
@@ -258,7 +258,7 @@ class Local:
     def _turn_over(self, j: int, t: float) -> bool:
         """Let an open row go on as its velocity passes 0; nothing else feels that."""
         was = int(self._parts.label[j])
-        if not self._due.turn_over(j, t):
+        if not self._next_roots.turn_over(j, t):
             return False
         self._timeline.pass_event(t, j)
         self._tick(t, True)
@@ -269,7 +269,7 @@ class Local:
 
     def _cross(self, rows: Indices, t: float) -> bool:
         """Let gaps that come to borders go on beyond these; False where the whole scene is to be settled."""
-        parts, due = self._parts, self._due
+        parts, due = self._parts, self._next_roots
         if not ((parts.mode[rows] == APART).all() and all(due.crosses(j, t) for j in rows.tolist())):
             return False
         self._timeline.pass_event(t, int(rows[0]))
@@ -282,11 +282,11 @@ class Local:
         parts, gaps = self._parts, self._forest.gaps
         before, opened = parts.label[gaps], list[int]()
         for _ in range(_MOST_AT_ONCE):
-            groups = parts.pass_borders(rows, self._due.direction[rows])
+            groups = parts.pass_borders(rows, self._next_roots.direction[rows])
             patch = parts.patch(parts.reach(groups.tolist()), t)
             self._expand(patch, patch.v, t, rows)
             opened += self._opened.tolist()
-            rows = self._due.at_once
+            rows = self._next_roots.at_once
             if not rows.size or self._bad.size:
                 break
         else:
@@ -368,11 +368,11 @@ class Local:
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
         for event in sorted(noted):
             self._recorder.note(t, *event)
-        if self._due.at_once.size and not self._bad.size:
-            self._go_beyond(self._due.at_once, t)
+        if self._next_roots.at_once.size and not self._bad.size:
+            self._go_beyond(self._next_roots.at_once, t)
 
     def _most_guards(self) -> None:
-        self.most_guards = max(self.most_guards, self._armed + self._due.borders)
+        self.most_guards = max(self.most_guards, self._armed + self._next_roots.borders)
 
     def _regroup(self, tree: Tree, outcome: TreeModes, groups: list[int]) -> None:
         """Form the groups that go on together."""
@@ -452,7 +452,7 @@ class Local:
         self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
         fired, touching = np.zeros(system.m, dtype=bool), np.zeros(system.m, dtype=bool)
         crossed = [
-            int(parts.elastic.borders(parts.elastic.number[[j]])[0][self._due.direction[j]])
+            int(parts.elastic.borders(parts.elastic.number[[j]])[0][self._next_roots.direction[j]])
             for j in fired_rows[(parts.mode[fired_rows] == APART) & system.is_stop[fired_rows]].tolist()
         ]
         # borders of gaps are told by the state

@@ -21,7 +21,7 @@ from stickslip import (
 )
 from stickslip.benchmark import flywheel_chain
 from stickslip.engines.cvode import Cvode
-from stickslip.engines.part_by_part.due import Due
+from stickslip.engines.part_by_part.next_roots import NextRoots
 from stickslip.engines.part_by_part.parts import Parts
 from stickslip.engines.series import Series
 from stickslip.equations.mode_equations import equations_in
@@ -103,7 +103,7 @@ def test_what_a_run_needs_no_more_is_freed_without_the_collector() -> None:
         for method in ("auto", "BDF", "Adams"):
             assert simulate(scene, (0.0, 3.0), method=method).events
         alive = [type(x) for x in gc.get_objects()]
-        of_run = {Run, Local, Parts, Due, Series, Cvode, Motion} & set(alive)
+        of_run = {Run, Local, Parts, NextRoots, Series, Cvode, Motion} & set(alive)
         equations = weakref.ref(equations_in(np.ones(30, dtype=np.int8), system))
         system.remembered.cache_clear()
         assert equations() is None

@@ -27,7 +27,7 @@ _MOVES = 1e-6
 _STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
 
 
-class Due:
+class NextRoots:
     """The times before which no guard of a row comes to 0.
 
     Attributes
