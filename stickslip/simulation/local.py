@@ -83,12 +83,12 @@ class Local:
 
     def arrived(self, t: float, some: Mask) -> Mask:
         """Tell which of some rows have come to rest at time `t`, where the whole scene is to be settled."""
-        parts, due = self._parts, self._next_roots
+        parts, roots = self._parts, self._next_roots
         found = np.zeros(parts.mode.size, dtype=bool)
         rows = (some & (parts.label != 0)).nonzero()[0]
         if rows.size:
-            w, rate = due.moved(rows, t)[:, :2].T / np.array([[1.0], [parts.unit]])
-            speeds = np.array([due.roundoff_scale(j, t) for j in rows.tolist()]) + np.abs(rate * t)
+            w, rate = roots.moved(rows, t)[:, :2].T / np.array([[1.0], [parts.unit]])
+            speeds = np.array([roots.roundoff_scale(j, t) for j in rows.tolist()]) + np.abs(rate * t)
             duration = t - parts.row_origin[rows]
             found[rows] = arrives(w, rate, duration, parts.label[rows], ROUNDOFF * speeds)
         return found
@@ -111,19 +111,19 @@ class Local:
         motion, guards = now.motion, now.guards
         self._now = now
         parts = self._parts = Parts(self._forest, self._knots, motion, now.labels, self._work)
-        self._next_roots = due = NextRoots(parts, self._work, self._margin)
+        self._next_roots = roots = NextRoots(parts, self._work, self._margin)
         self._work.starts += 1
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size
         moving, held = np.abs(parts.mode) == 1, parts.mode == 0
-        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(due.bounds[:, held]))
+        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(roots.bounds[:, held]))
         self._seen = motion.t
         self._begin(motion.t)
         started = guards.row[(guards.order == 1) & guards.is_velocity]
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
-        slick = (due.near_rest > 0).nonzero()[0]
+        slick = (roots.near_rest > 0).nonzero()[0]
         self._any_slick = bool(slick.size)
-        near_rest = (parts.label[slick] * parts.watched[slick, 0] <= due.near_rest[slick]).any()
+        near_rest = (parts.label[slick] * parts.watched[slick, 0] <= roots.near_rest[slick]).any()
         if self._bad.size or self._opened.size or near_rest:
             return None
         return self._loop()
@@ -269,8 +269,8 @@ class Local:
 
     def _cross(self, rows: Indices, t: float) -> bool:
         """Let gaps that come to borders go on beyond these; False where the whole scene is to be settled."""
-        parts, due = self._parts, self._next_roots
-        if not ((parts.mode[rows] == APART).all() and all(due.crosses(j, t) for j in rows.tolist())):
+        parts, roots = self._parts, self._next_roots
+        if not ((parts.mode[rows] == APART).all() and all(roots.crosses(j, t) for j in rows.tolist())):
             return False
         self._timeline.pass_event(t, int(rows[0]))
         self._tick(t, True)

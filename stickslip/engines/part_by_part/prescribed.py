@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.part_by_part.sine_shares import Lines, SineShares
+from stickslip.engines.part_by_part.sine_shares import LinesWithSines, SineShares
 from stickslip.equations.forest import Forest
 from stickslip.equations.loads.drives import Drives
 from stickslip.equations.motion import Motion
@@ -35,7 +35,7 @@ class Prescribed:
         Whether what leads a body makes it no polynomial: each drive, nothing, the ground.
     normal : array (m, 2)
         Normal forces at the start and their slopes, without sines.
-    normals, drive_velocities : Lines
+    normals, drive_velocities : LinesWithSines
         Normal forces and velocities of drives as series from any time on, with sines.
     rows : SineShares
         The sines of normal forces.
@@ -55,12 +55,12 @@ class Prescribed:
         self._terms = forest.order + 1
         q, slope = motion.segment.taylor(motion.t, 1, sines=False)
         self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
-        self.normals = Lines(self.normal, motion.t, self.rows, self.unit, self._terms)
+        self.normals = LinesWithSines(self.normal, motion.t, self.rows, self.unit, self._terms)
         start = np.zeros(system.drives)
         start[system.carried] = motion.y[system.carried_state]
         u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
         self.drives = Drives(start, u, motion.t, self._drives.sines)
-        self.drive_velocities = Lines(u, motion.t, self._drives, self.unit, self._terms)
+        self.drive_velocities = LinesWithSines(u, motion.t, self._drives, self.unit, self._terms)
         self.drive_size = np.abs(u[:, 0]) + self._drives.sizes
         self.force = np.zeros((system.n, 3))
         self.force[:, 0], self.force[:, 1] = acts @ q[: system.inputs], acts @ slope[: system.inputs]

@@ -80,7 +80,7 @@ class SineShares:
 
 
 @dataclass(frozen=True)
-class Lines:
+class LinesWithSines:
     """Series of things that are straight but for sines, from any time on: in powers of the time over `unit`."""
 
     straight: Array  # (k, 2): values and slopes at `start`

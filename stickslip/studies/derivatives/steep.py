@@ -34,7 +34,7 @@ def least_change(equations: ModeEquations, rows: Indices, apart: Array) -> Array
     return np.asarray(ways @ np.linalg.lstsq(lines, apart, rcond=None)[0])
 
 
-class Steep:
+class SteepPath:
     """A solver's path with what it leaves out there.
 
     Steps crowd towards such an end. Relative velocities that begin from 0 are integrals of relative accelerations: as

@@ -11,7 +11,7 @@ from stickslip.model.crossings import root_between
 from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 from stickslip.studies.derivatives.radau import STAGES, radau
-from stickslip.studies.derivatives.steep import Steep
+from stickslip.studies.derivatives.steep import SteepPath
 
 _ORDER = 20
 _REMAINDER = 1e-16
@@ -100,7 +100,7 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
     slopes of the rates jump: a step ends there.
     """
     size, count = nearby.system.size, nearby.count
-    path = Steep(motion, piece.kept_path, float(nearby.state_sizes[0]), nearby.bend)
+    path = SteepPath(motion, piece.kept_path, float(nearby.state_sizes[0]), nearby.bend)
     nodes = radau()[0]
     turns = _turns(motion, path)
     steps = np.union1d(path.taus, turns)
@@ -132,7 +132,7 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
     return np.array(ends), np.array(found), path.is_lost
 
 
-def _turns(motion: Motion, path: Steep) -> Array:
+def _turns(motion: Motion, path: SteepPath) -> Array:
     """Return the times just before those at which relative velocities of rows with bristles pass 0, in order."""
     equations, system = motion.equations, motion.system
     rows = equations.velocity_dependent[equations.law.bristles]
