@@ -62,8 +62,6 @@ class Trajectory(PickledByFields):
     @cached_property
     def numbers(self) -> Sequence[Indices]:
         """The numbers of the whole pieces, then those of the pieces of each patchwork."""
-        if not self.patchworks:
-            return [np.arange(len(self.parts))]
         firsts = self.pieces.firsts
         is_whole = np.array([isinstance(part, Piece) for part in self.parts], dtype=bool)
         ends = zip(firsts[:-1][~is_whole].tolist(), firsts[1:][~is_whole].tolist(), strict=True)
@@ -85,6 +83,8 @@ class Trajectory(PickledByFields):
         return self._of_all(lambda part: part.durations)
 
     def _of_all(self, read: Callable[[WholePieces | Patchwork], Array]) -> Array:
+        if not self.patchworks:
+            return read(self.whole)
         found = np.empty(len(self.pieces))
         for numbers, part in zip(self.numbers, self._holders, strict=True):
             found[numbers] = read(part)
