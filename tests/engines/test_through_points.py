@@ -24,7 +24,7 @@ from stickslip import (
     position,
     simulate,
 )
-from stickslip.engines.solvers.follow import Lookout, LookAhead
+from stickslip.engines.solvers.follow import LookAhead, Lookout
 from stickslip.engines.solvers.sundials import CVODE
 from stickslip.engines.solvers.through_points import path_through, through_points
 

@@ -233,7 +233,7 @@ def _ties(nearby: Nearby, number: int, held: Motion, S: Array, since: Array, tim
         return
 
     def ratios(motion: Motion, taus: Array, y: Array) -> Array:
-        force = -rows.turn[over, None] * motion.watched(taus, y)[rows.source[over]]
+        force = -rows.sign[over, None] * motion.watched(taus, y)[rows.source[over]]
         return np.asarray(force / (own.raw(motion, taus, y)[over] + force))
 
     y = held.exact(0.0, held.y)
