@@ -14,7 +14,7 @@ from stickslip.equations.balance import joined
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Search
-from stickslip.events.situation import Situation
+from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Modes
 from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import REST, Nearby, total
@@ -227,17 +227,22 @@ def _ties(nearby: Nearby, number: int, held: Motion, S: Array, since: Array, tim
     system, piece = nearby.system, nearby.trajectory.pieces[number]
     own = VariedGuards(nearby, piece, held)
     guards, rows = own.guards, own.guards.rows
-    is_held = rows.is_force & (held.equations.modes == 0)[guards.row]
+    is_held = rows.is_force & (system.is_friction & (held.equations.modes == 0))[guards.row]
     over = (is_held & (guards.start[0] < -_TOUCH * guards.scale)).nonzero()[0]
-    if over.size < 2:
-        return
+    y, at_start = held.exact(0.0, held.y), np.zeros(1)
+
+    def forces(motion: Motion, taus: Array, y: Array) -> Array:
+        return np.asarray(-rows.sign[over, None] * motion.watched(taus, y)[rows.source[over]])
 
     def ratios(motion: Motion, taus: Array, y: Array) -> Array:
-        force = -rows.sign[over, None] * motion.watched(taus, y)[rows.source[over]]
+        force = forces(motion, taus, y)
         return np.asarray(force / (own.raw(motion, taus, y)[over] + force))
 
-    y = held.exact(0.0, held.y)
-    ratio = ratios(held, np.zeros(1), y[:, None])[:, 0]
+    # what has no level lets go at once, whatever the others do
+    over = over[guards.start[0, over] + forces(held, at_start, y[:, None])[:, 0] > 0]
+    if over.size < 2:
+        return
+    ratio = ratios(held, at_start, y[:, None])[:, 0]
     slopes = nearby.slopes_at(ratios, held, since, 0.0, y, S) + np.outer(nearby.falls(ratios, held, 0.0, y), times)
     part = joined(system.G[guards.row[over]])
     for number_of_part in np.unique(part).tolist():
@@ -253,13 +258,16 @@ def _ties(nearby: Nearby, number: int, held: Motion, S: Array, since: Array, tim
 
 
 def _after_one(piece: Piece, held: Motion, row: int, direction: int) -> bytes:
-    """Return the modes to which it leads that one of the held rows lets go alone."""
+    """Return the modes to which it leads that one of the held rows lets go alone; nothing where it leads to none."""
     system, equations, none = held.system, held.equations, np.zeros(held.system.m, dtype=bool)
     now = Situation(held.t, held.y, piece.labels, held.since, none, none)
     search = Search(system, held.segment, now, piece.labels, equations.is_held, equations.regions, None)
     trial = equations.modes.copy()
     trial[row] = direction
-    return search.run(trial)[0].equations.modes.tobytes()
+    try:
+        return search.run(trial)[0].equations.modes.tobytes()
+    except Inconsistent:
+        return b""
 
 
 def beyond_event(
