@@ -33,7 +33,7 @@ _AT_REST = 1e-9  # part of the speeds below which a row has come to rest with an
 def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> Iterator[tuple[int, str]]:
     """Find directions that move rows off rest at the start which begin to slip, or forces off their levels there."""
     times = np.zeros(nearby.count)
-    for k, label in _off_levels(nearby, piece, motion, S, since, times):
+    for k, label in _off_levels(VariedGuards(nearby, piece, motion), S, since, times):
         yield k, f"{label} starts at its level: the derivatives to the two sides differ"
     slip = motion.equations.slip
     rows = slip[nearby.at_rest(motion)[slip]]
@@ -214,35 +214,33 @@ def beyond_break(
     held = Motion(motion.equations, segment, following.t, path.last, piece.since)
     y = held.exact(0.0, path.last)
     moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
-    for k, label in _off_levels(nearby, piece, held, moved, since, times):
+    own = VariedGuards(nearby, piece, held)
+    for k, label in _off_levels(own, moved, since, times):
         yield k, f"{label} comes to its level on a break of a load"
-    yield from _ties(nearby, number, held, moved, since, times)
+    yield from _ties(nearby, piece, own, moved, since, times)
 
 
-def _ties(nearby: Nearby, number: int, held: Motion, S: Array, since: Array, times: Array) -> Iterator[tuple[int, str]]:
+def _ties(
+    nearby: Nearby, piece: Piece, own: VariedGuards, S: Array, since: Array, times: Array
+) -> Iterator[tuple[int, str]]:
     """Find directions in which one of contacts that a jump of a load overloads equally would let go before the others.
 
-    That counts where it leads to other modes. In the modes before the jump the motion would be `held`.
+    That counts where it leads to other modes. `own` are the guards of the motion in the modes before the jump.
     """
-    system, piece = nearby.system, nearby.trajectory.pieces[number]
-    own = VariedGuards(nearby, piece, held)
-    guards, rows = own.guards, own.guards.rows
+    system, guards, rows, held = nearby.system, own.guards, own.guards.rows, own.guards.motion
     is_held = rows.is_force & (system.is_friction & (held.equations.modes == 0))[guards.row]
-    over = (is_held & (guards.start[0] < -_TOUCH * guards.scale)).nonzero()[0]
-    y, at_start = held.exact(0.0, held.y), np.zeros(1)
-
-    def forces(motion: Motion, taus: Array, y: Array) -> Array:
-        return np.asarray(-rows.sign[over, None] * motion.watched(taus, y)[rows.source[over]])
-
-    def ratios(motion: Motion, taus: Array, y: Array) -> Array:
-        force = forces(motion, taus, y)
-        return np.asarray(force / (own.raw(motion, taus, y)[over] + force))
-
+    force = -rows.sign * held.first.z[0][rows.source]
+    level = guards.start[0] + force
     # what has no level lets go at once, whatever the others do
-    over = over[guards.start[0, over] + forces(held, at_start, y[:, None])[:, 0] > 0]
+    over = (is_held & (guards.start[0] < -_TOUCH * guards.scale) & (level > 0)).nonzero()[0]
     if over.size < 2:
         return
-    ratio = ratios(held, at_start, y[:, None])[:, 0]
+
+    def ratios(motion: Motion, taus: Array, y: Array) -> Array:
+        force = -rows.sign[over, None] * motion.watched(taus, y)[rows.source[over]]
+        return np.asarray(force / (own.raw(motion, taus, y)[over] + force))
+
+    y, ratio = held.exact(0.0, held.y), force[over] / level[over]
     slopes = nearby.slopes_at(ratios, held, since, 0.0, y, S) + np.outer(nearby.falls(ratios, held, 0.0, y), times)
     part = joined(system.G[guards.row[over]])
     for number_of_part in np.unique(part).tolist():
@@ -276,19 +274,16 @@ def beyond_event(
     """Find directions in which what is held after an event, with a force exactly at its level, would not be held."""
     if not np.any(following.modes == 0):
         return
-    for k, label in _off_levels(nearby, following, motion, S, since, times):
+    for k, label in _off_levels(VariedGuards(nearby, following, motion), S, since, times):
         yield k, f"{label} is exactly at its level after an event"
 
 
-def _off_levels(
-    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, times: Array
-) -> Iterator[tuple[int, str]]:
+def _off_levels(own: VariedGuards, S: Array, since: Array, times: Array) -> Iterator[tuple[int, str]]:
     """Find directions that move forces off levels at which a motion starts, and what these belong to.
 
-    The time at which it starts changes by `times`.
+    `own` are its guards; the time at which it starts changes by `times`.
     """
-    own = VariedGuards(nearby, piece, motion)
-    guards = own.guards
+    guards, motion = own.guards, own.guards.motion
     is_force = ~(guards.is_velocity | guards.is_border)
     at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & is_force).nonzero()[0]
     for i, k in own.moved(at, 0.0, motion.exact(0.0, motion.y), S, since, times):
