@@ -13,7 +13,7 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.impact import SAME, Struck, struck
+from stickslip.events.impact import SAME, Struck, roundoff_of_velocities, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _TIE, _ALONE = 1e-13, 1e-6  # guards, as parts of their scales, that tie; and that are near 0
@@ -180,12 +180,12 @@ def jumped(
         margin = np.maximum(margin, _slowest_flight(motion, end, q, hit, loads.after(t).stop - t, errors))
     found = struck(system, y[:n], before, after, sides, hit, margin)
     change = np.abs(system.relative(found.v - y[:n], jump))
-    speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
+    parted = change > roundoff_of_velocities(system, np.maximum(np.abs(found.v), np.abs(y[:n])), before, after)
     y = y.copy()
     y[:n] = found.v
     # rebounds slower than the margin do not happen
     sides[sides * system.relative(found.v, after) < -margin] = 0
-    return Jump(np.asarray(change > SAME * speed), y, sides, hit, found)
+    return Jump(parted, y, sides, hit, found)
 
 
 def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: Array | None) -> float:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.algebra.matrices import dense, row_maxima
 from stickslip.equations.balance import joined
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
@@ -47,6 +47,17 @@ class Struck(NamedTuple):
     lost: Array
 
 
+def roundoff_of_velocities(system: System, v: Array, before: Array, after: Array) -> Array:
+    """Return by how much relative velocities (m,) that are equal may differ.
+
+    It is a part of how fast the bodies of a row may be made by those that they are joined to, and by drives, whose
+    velocities are those `before` and `after`.
+    """
+    driven = float(np.abs([*before, *after]).max(initial=0.0))
+    speeds = system.transmission.handed_on(np.maximum(np.abs(v), driven))
+    return SAME * np.maximum(row_maxima(system.abs_G * speeds), driven * system.largest_lever)
+
+
 def struck(
     system: System,
     v: Array,
@@ -66,8 +77,7 @@ def struck(
     Drives have the velocities `before` and `after`; `sides` are +1 where a stop is at its upper limit and -1 at its
     lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
     """
-    speed = max(float(np.abs(v).max(initial=0.0)), float(np.abs([*before, *after]).max(initial=0.0)))
-    least = SAME * speed * system.largest_lever
+    least = roundoff_of_velocities(system, v, before, after)
     turn = np.where(system.is_one_way, 1, sides).astype(float)
     w = system.relative(v, before)
     wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)

@@ -69,7 +69,11 @@ def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, o
     """
     motion = last.motion
     modes = motion.equations.modes
-    moves = (np.abs(modes) == 1) | (modes == OPEN) | others
+    is_open = modes == OPEN
+    if (is_open & (last.labels == 0)).any():
+        # it has not left its rest: its velocity is the roundoff of its forces, whatever other speeds are
+        return True
+    moves = (np.abs(modes) == 1) | is_open | others
     w, rough = _relative(motion.system, y, largest, t, q)
     if last.guards.velocity_uncertainty is not None:
         rough = np.maximum(rough, last.guards.velocity_uncertainty)

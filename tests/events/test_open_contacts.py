@@ -617,6 +617,23 @@ def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(by_parts: bool) -> N
 
 
 @pytest.mark.parametrize("by_parts", [False, True])
+@pytest.mark.parametrize("start", [0.0, 1.0])
+def test_what_rests_beside_an_open_contact_moves_once_more_than_roundoff_pushes_it(start: float, by_parts: bool) -> None:
+    """Opened at 1 s, it rests while ``0.1 + 0.2 - 0.3`` (5.6e-17) N push it, and moves as 1 N more does from 2 s on."""
+    normal = piecewise_linear([0.0, 0.5, 1.0], [10.0, 10.0, 0.0])
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=start),
+        Contact("brake", "b", GROUND, DryFriction(0.4, 0.3), normal=normal),
+        *(Force("b", load) for load in (0.1, 0.2, -0.3, step(2.0, 0.0, 1.0))),
+    )
+    result = run(scene, 4.0, by_parts)
+    stopped = [(1, 0)] if start else []
+    assert [(e.before, e.after) for e in result.events] == [*stopped, (0, 1)] and result.events[-1].t == 2.0
+    assert result.sample([1.9, 2.5]).mode("brake").tolist() == [0, 1]
+    assert result.velocity("b")[-1] == pytest.approx(2.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("by_parts", [False, True])
 @pytest.mark.parametrize("after", [0.0, -1.0])
 @pytest.mark.parametrize("stop", [2.0, 2.1, 2.3, 2.7])
 def test_a_contact_that_opens_in_the_instant_in_which_it_comes_to_rest(

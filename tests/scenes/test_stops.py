@@ -32,6 +32,7 @@ from stickslip import (
     piecewise_linear,
     simulate,
     sine,
+    step,
     velocity,
 )
 
@@ -134,6 +135,27 @@ def test_a_bouncing_ball_comes_to_rest(options: dict[str, Any], off: float) -> N
     assert result.force("floor")[-1] == pytest.approx(-2 * g, abs=1e-9)
     balanced(result, off)
     assert result.energy().impacts["floor"][-1] == pytest.approx(2 * g, abs=30 * off)
+
+
+@pytest.mark.parametrize("height", [1e-6, 1e-9])
+@pytest.mark.parametrize("others", ["nothing", "a spindle", "a spindle on a clutch"])
+def test_a_ball_bounces_to_rest_whatever_else_spins(others: str, height: float) -> None:
+    """A ball that falls for 0.5 s rebounds with e = 1/2 until 1.5 s; a spindle of 1e5 rad/s does not touch it."""
+    spindle = [
+        Body("spindle", inertia=1.0, velocity=1e5, motion="rotation"),
+        Contact("clutch", "spindle", GROUND, DryFriction(0.4, 0.3), normal=step(0.9, 0.0, 1.0)),
+    ]
+    scene = Scene(
+        Body("ball", inertia=1.0, position=height, motion="translation"),
+        Force("ball", -8.0 * height),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+        *spindle[: {"nothing": 0, "a spindle": 1}.get(others, 2)],
+    )
+    result = simulate(scene, (0.0, 3.0))
+    impacts = [event.t for event in result.events]
+    np.testing.assert_allclose(impacts[:20], 1.5 - 2.0 ** -np.arange(20), rtol=0, atol=1e-12)
+    assert impacts[-1] == pytest.approx(1.5, abs=1e-9)
+    assert result.sample([1.1]).position("ball")[0] == pytest.approx(0.06 * height, rel=1e-9)
 
 
 def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
