@@ -234,7 +234,7 @@ def test_a_run_cut_at_many_times_is_the_run(name: str, cuts: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_run_cut_at_many_times_is_the_run_by_cvode(name: str) -> None:
-    check_cut(name, 12, 1e-7, **CVODE)
+    check_cut(name, 6, 1e-7, **CVODE)
 
 
 @pytest.mark.parametrize("law", [LuGre(DRY, stiffness=1e4, damping=50.0), PreSlip(DryFriction(0.4, 0.25), 1e-3)])
