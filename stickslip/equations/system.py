@@ -253,15 +253,17 @@ class System:
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
-    @property
-    def connections(self) -> list[Mapping[int, float]]:
-        """The coefficients of rows, springs and dampers on bodies and drives."""
-        return [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
-
     @cached_property
     def transmission(self) -> Transmission:
         """How fast bodies move with each other."""
-        return Transmission(self.n, self.connections, self._followed())
+        joined = [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
+        return Transmission(self.n, joined, self._followed())
+
+    @cached_property
+    def part_of_row(self) -> Indices:
+        """The number of the part that each row belongs to (m,), which is the last one for rows between drives."""
+        bodies = (next((i for i in row.coefficients if i < self.n), -1) for row in self.rows)
+        return np.append(self.transmission.part, self.transmission.part.max(initial=-1) + 1)[list(bodies)]
 
     def _followed(self) -> list[tuple[int, int]]:
         """Return which bodies forces follow, each with one that such a force pushes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -37,10 +37,19 @@ class Transmission:
         found = [parts.of(i) for i in range(n)]
         self.part = np.unique([first for first, _ in found], return_inverse=True)[1].astype(np.intp)
         self.ratio = np.array([ratio for _, ratio in found])
+        led = [pair for one in joined for pair in _led(n, one)]
+        self._led, self._by = np.array([pair[:2] for pair in led], dtype=np.intp).reshape(-1, 2).T
+        self._lead = np.array([ratio for *_, ratio in led])
         ends = np.array(list(followed), dtype=np.intp).reshape(-1, 2)
         self._from, self._to = ends[self.part[ends[:, 0]] != self.part[ends[:, 1]]].T
         alike = all(len({abs(c) for c in one.values()}) <= 1 for one in joined)
         self.is_uniform = alike and not self.part.any()
+
+    def led(self, drives: Array) -> Array:
+        """Return the velocities that bodies may have from drives that something joins them to, as fast as these are."""
+        found = np.zeros(self.ratio.size)
+        np.maximum.at(found, self._led, self._lead * np.abs(drives)[self._by])
+        return found
 
     def handed_on(self, speeds: Array) -> Array:
         """Return the velocities that bodies may have from each other; none is faster than the fastest."""
@@ -86,3 +95,10 @@ def _pairs(n: int, joined: Sequence[Mapping[int, float]]) -> Iterator[tuple[int,
         levers = [(abs(c), i) for i, c in one.items() if i < n and c]
         for (a, i), (b, j) in pairwise(levers):
             yield i, j, b / a
+
+
+def _led(n: int, one: Mapping[int, float]) -> Iterator[tuple[int, int, float]]:
+    """Return bodies and drives that something joins, and how many times as fast as the drive the body moves."""
+    for (i, a), (k, c) in product(one.items(), repeat=2):
+        if i < n <= k and a:
+            yield i, k - n, abs(c / a)

@@ -188,12 +188,12 @@ def jumped(
     return Jump(parted, y, sides, hit, found)
 
 
-def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: Array | None) -> float:
-    """Return the speed below which stops that are hit come back before it can be told that they have left.
+def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: Array | None) -> Array:
+    """Return the speeds (m,) below which stops that are hit come back before it can be told that they have left.
 
-    A stop is ``v^2 / 2 a`` away at most, where the acceleration a is what those of its ends add up to. A solver knows
-    that but for its `errors`; an exact engine but for roundoff, and as a part of what the speed makes of it in the time
-    `ahead`, too.
+    In each part of the scene it is the largest of these. A stop is ``v^2 / 2 a`` away at most, where the acceleration a
+    is what those of its ends add up to. A solver knows that but for its `errors`; an exact engine but for roundoff, and
+    as a part of what the speed makes of it in the time `ahead`, too.
     """
     system, functions = motion.system, motion.system.piecewise
     rate = motion.rate(end.tau, end.y)
@@ -206,10 +206,14 @@ def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: f
         # of a stop that is hit the last flight may have been as low as this one
         _, _, lost = functions.limits(np.zeros_like(errors), np.zeros_like(q), errors)
         rough = 2.0 * np.maximum(ROUNDOFF * size, lost)[some]
-        return float(np.sqrt(rough * pace[functions.row[some]]).max(initial=0.0))
-    rough = 2.0 * STRETCH_ROUNDOFF * size[some]
-    slowest = np.minimum(np.sqrt(rough * pace[functions.row[some]]), _TOLD * rough / ahead)
-    return float(slowest.max(initial=0.0))
+        slowest = np.sqrt(rough * pace[functions.row[some]])
+    else:
+        rough = 2.0 * STRETCH_ROUNDOFF * size[some]
+        slowest = np.minimum(np.sqrt(rough * pace[functions.row[some]]), _TOLD * rough / ahead)
+    part = system.part_of_row
+    in_parts = np.zeros(part.max(initial=0) + 1)
+    np.maximum.at(in_parts, part[functions.row[some]], slowest)
+    return np.asarray(in_parts[part])
 
 
 def open_from_here(system: System, modes: Modes, q: Array) -> Mask:

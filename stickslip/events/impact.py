@@ -53,9 +53,9 @@ def roundoff_of_velocities(system: System, v: Array, before: Array, after: Array
     It is a part of how fast the bodies of a row may be made by those that they are joined to, and by drives, whose
     velocities are those `before` and `after`.
     """
-    driven = float(np.abs([*before, *after]).max(initial=0.0))
-    speeds = system.transmission.handed_on(np.maximum(np.abs(v), driven))
-    return SAME * np.maximum(row_maxima(system.abs_G * speeds), driven * system.largest_lever)
+    transmission = system.transmission
+    led = transmission.led(np.maximum(np.abs(before), np.abs(after)))
+    return SAME * row_maxima(system.abs_G * transmission.handed_on(np.maximum(np.abs(v), led)))
 
 
 def struck(
@@ -119,11 +119,12 @@ def _nearest(
     push = dense(system.GT[:, rows]) * sign
     answer = balance.accelerations(push)
     gram = push.T @ answer
-    # only rows that something joins to those that are too slow
+    # only rows that something joins to those that are too slow; what nothing joins may be far slower
     label = joined(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
-    some = np.isin(label, label[short > least[rows]])
-    rows, short, answer = rows[some], short[some], answer[:, some]
-    impulse = _complementary(gram[np.ix_(some, some)], short, rows)
+    impulse = np.zeros(rows.size)
+    for one in np.unique(label[short > least[rows]]).tolist():
+        some = (label == one).nonzero()[0]
+        impulse[some] = _complementary(gram[np.ix_(some, some)], short[some], rows[some])
     impulses[rows] = turn[rows] * impulse
     v = v + answer @ impulse
     # what stays together does so to the last bit

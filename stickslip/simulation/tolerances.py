@@ -195,13 +195,9 @@ def _speeds(system: System, start: float, stop: float, speed: float) -> Array:
 def _known(system: System, start: float, stop: float) -> Array:
     """Return the velocities that bodies start with, and those that drives and stretched springs may give them."""
     scene, n = system.scene, system.n
+    drives = np.array([largest_value(drive.velocity, start, stop) for drive in scene.drives])
     found = np.array([abs(body.velocity) for body in scene.bodies])
-    led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
-    for ends in system.connections:
-        fastest = max((abs(c) * led[i - n] for i, c in ends.items() if n <= i < n + len(led)), default=0.0)
-        for i, c in ends.items():
-            if i < n:
-                found[i] = max(found[i], fastest / abs(c))
+    np.maximum(found, system.transmission.led(drives), out=found)
     for coefficients, stiffness, offset in _stretched(system):
         for i in coefficients:
             if i < n and system.inertia[i]:

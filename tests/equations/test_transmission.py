@@ -24,6 +24,13 @@ def test_drives_join_nothing() -> None:
     assert found.handed_on(np.array([1.0, 2.0])).tolist() == [1.0, 2.0]
 
 
+def test_drives_lead_what_is_joined_to_them() -> None:
+    """A screw of 1 mm/rad that drive 3 turns moves table 0; wheel 1 stands between drives 3 and 4, and 2 alone."""
+    found = Transmission(3, [{0: 1.0, 3: -1e-3}, {1: 2.0, 3: 1.0}, {1: 1.0, 4: -1.0}, {2: 1.0}])
+    assert found.led(np.array([300.0, -20.0])) == pytest.approx([0.3, 150.0, 0.0])
+    assert Transmission(2, [{0: 1.0, 1: -1.0}]).led(np.array([7.0])).tolist() == [0.0, 0.0]
+
+
 def test_signals_hand_velocities_on_one_way() -> None:
     """A controller of the motor reads the table behind its screw; a slide beside it follows the motor."""
     found = Transmission(4, [{0: 1e-3, 1: -1.0}], [(1, 0), (0, 2)])

@@ -618,7 +618,7 @@ def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(by_parts: bool) -> N
 
 @pytest.mark.parametrize("by_parts", [False, True])
 @pytest.mark.parametrize("start", [0.0, 1.0])
-def test_what_rests_beside_an_open_contact_moves_once_more_than_roundoff_pushes_it(start: float, by_parts: bool) -> None:
+def test_what_roundoff_pushes_beside_an_open_contact_is_seen_to_move(start: float, by_parts: bool) -> None:
     """Opened at 1 s, it rests while ``0.1 + 0.2 - 0.3`` (5.6e-17) N push it, and moves as 1 N more does from 2 s on."""
     normal = piecewise_linear([0.0, 0.5, 1.0], [10.0, 10.0, 0.0])
     scene = Scene(

@@ -138,24 +138,46 @@ def test_a_bouncing_ball_comes_to_rest(options: dict[str, Any], off: float) -> N
 
 
 @pytest.mark.parametrize("height", [1e-6, 1e-9])
-@pytest.mark.parametrize("others", ["nothing", "a spindle", "a spindle on a clutch"])
-def test_a_ball_bounces_to_rest_whatever_else_spins(others: str, height: float) -> None:
+@pytest.mark.parametrize("others", [0, 1, 2, 4], ids=["nothing", "a spindle", "its brake", "a motor"])
+def test_a_ball_bounces_to_rest_whatever_else_spins(others: int, height: float) -> None:
     """A ball that falls for 0.5 s rebounds with e = 1/2 until 1.5 s; a spindle of 1e5 rad/s does not touch it."""
+    dry = DryFriction(0.4, 0.3)
     spindle = [
         Body("spindle", inertia=1.0, velocity=1e5, motion="rotation"),
-        Contact("clutch", "spindle", GROUND, DryFriction(0.4, 0.3), normal=step(0.9, 0.0, 1.0)),
+        Contact("brake", "spindle", GROUND, dry, normal=step(0.9, 0.0, 1.0)),
+        Drive("motor", velocity=1e5, motion="rotation"),
+        Contact("clutch", "spindle", "motor", dry, normal=1.0),
     ]
     scene = Scene(
         Body("ball", inertia=1.0, position=height, motion="translation"),
         Force("ball", -8.0 * height),
         Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
-        *spindle[: {"nothing": 0, "a spindle": 1}.get(others, 2)],
+        *spindle[:others],
     )
     result = simulate(scene, (0.0, 3.0))
-    impacts = [event.t for event in result.events]
+    impacts = times(result, "floor")
     np.testing.assert_allclose(impacts[:20], 1.5 - 2.0 ** -np.arange(20), rtol=0, atol=1e-12)
     assert impacts[-1] == pytest.approx(1.5, abs=1e-9)
     assert result.sample([1.1]).position("ball")[0] == pytest.approx(0.06 * height, rel=1e-9)
+
+
+@every_engine
+@pytest.mark.parametrize("heights", [(1e-5, 1.0), (1e-6, 1e6)])
+def test_balls_that_land_together_rebound_each_for_itself(
+    heights: tuple[float, float], options: dict[str, Any], off: float
+) -> None:
+    """Both fall for 0.5 s and rebound with e = 1/2 at ``1.5 - 2^-k`` s, however high the other one falls."""
+    scene = Scene(
+        *(Body(f"b{k}", inertia=1.0, position=height) for k, height in enumerate(heights)),
+        *(Force(f"b{k}", -8.0 * height) for k, height in enumerate(heights)),
+        *(Stop(f"s{k}", f"b{k}", GROUND, lower=0.0, restitution=0.5) for k in range(2)),
+    )
+    result = simulate(scene, (0.0, 3.0), **options)
+    for k, height in enumerate(heights):
+        impacts = times(result, f"s{k}")
+        np.testing.assert_allclose(impacts[:10], 1.5 - 2.0 ** -np.arange(10), rtol=0, atol=off)
+        assert impacts[-1] == pytest.approx(1.5, abs=1e-9 if off < 1e-9 else 1e-3)
+        assert result.sample([1.1]).position(f"b{k}")[0] == pytest.approx(0.06 * height, rel=max(off, 1e-9))
 
 
 def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
