@@ -51,6 +51,8 @@ class Jump(NamedTuple):
     sides: Modes  # (m,): +1 where a stop rests at its upper limit then, -1 at its lower one
     hit: Mask  # (m,): stops that have been hit
     impact: Struck | None  # what impulses did; None for none
+    # (m,): relative velocities that are roundoff after it, as parts of speeds before it, too; None where none jumps
+    roundoff: Array | None = None
 
 
 def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
@@ -173,19 +175,22 @@ def jumped(
     hit = new & (sides * w > 0)
     if not (jump.any() or hit.any()):
         sides[new & (sides * w < -margin)] = 0
-        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
+        return Jump(np.zeros(system.m, dtype=bool), y, sides, hit, None)
+    driven = SAME * (system.abs_D @ np.maximum(np.abs(before), np.abs(after)))
     if not hit.any() and (system.is_friction | system.is_gap).all():
-        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
+        roundoff = SAME * (system.abs_G @ np.abs(y[:n])) + driven
+        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None, roundoff)
     if hit.any():
         margin = np.maximum(margin, _slowest_flight(motion, end, q, hit, loads.after(t).stop - t, errors))
     found = struck(system, y[:n], before, after, sides, hit, margin)
     change = np.abs(system.relative(found.v - y[:n], jump))
-    parted = change > roundoff_of_velocities(system, np.maximum(np.abs(found.v), np.abs(y[:n])), before, after)
+    fastest = np.maximum(np.abs(found.v), np.abs(y[:n]))
+    parted = change > roundoff_of_velocities(system, fastest, before, after)
     y = y.copy()
     y[:n] = found.v
     # rebounds slower than the margin do not happen
     sides[sides * system.relative(found.v, after) < -margin] = 0
-    return Jump(parted, y, sides, hit, found)
+    return Jump(parted, y, sides, hit, found, SAME * (system.abs_G @ fastest) + driven)
 
 
 def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: Array | None) -> Array:
@@ -224,12 +229,11 @@ def open_from_here(system: System, modes: Modes, q: Array) -> Mask:
 
 def landed(system: System, modes: Modes, jump: Jump, q: Array) -> Mask:
     """Tell which open rows have jumped to relative velocity 0, with the inputs `q` from then on."""
-    if not jump.parted.any():
-        return jump.parted
-    v, u = jump.y[: system.n], system.drive_velocities(q)
-    speeds = system.abs_G @ np.abs(v) + system.abs_D @ np.abs(u)
-    found = jump.parted & system.is_friction & (modes == OPEN)
-    return np.asarray(found & (np.abs(system.relative(v, u)) <= SAME * speeds))
+    found: Mask = jump.parted & system.is_friction & (modes == OPEN)
+    if jump.roundoff is None or not found.any():
+        return found
+    w = system.relative(jump.y[: system.n], system.drive_velocities(q))
+    return np.asarray(found & (np.abs(w) <= jump.roundoff))
 
 
 def arrived(motion: Motion, path: Path, labels: Modes, some: Mask, uncertain: Array | None) -> Mask:

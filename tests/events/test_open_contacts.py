@@ -604,12 +604,17 @@ def test_a_drive_that_jumps_as_an_open_contact_comes_to_rest(holder: str, normal
 
 
 @pytest.mark.parametrize("by_parts", [False, True])
-def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(by_parts: bool) -> None:
-    """A belt jumps to the 1 m/s of a coasting block; pressed from 2 s on, the contact has rested for 1 s."""
+@pytest.mark.parametrize("loads", [(), (0.1, 0.2, -0.3)], ids=["no load", "roundoff of loads"])
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(
+    speed: float, loads: tuple[float, ...], by_parts: bool
+) -> None:
+    """A belt jumps to the speed of a block; pressed from 2 s on, the contact has rested for 1 s."""
     scene = Scene(
-        Body("b", inertia=1.0, velocity=1.0),
-        Drive("belt", velocity=step(1.0, 0.5, 1.0)),
+        Body("b", inertia=1.0, velocity=speed),
+        Drive("belt", velocity=step(1.0, speed - 0.5, speed)),
         Contact("c", "b", "belt", DryFriction(1.0, 0.5, dwell=1.0), normal=step(2.0, 0.0, 1.0)),
+        *(Force("b", load) for load in loads),
     )
     result = run(scene, 4.0, by_parts)
     assert told(result) == [("c", 1, 0)] and result.events[0].t == 1.0
