@@ -32,7 +32,8 @@ _HIDDEN = 1e-5
 # What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance.
 _NOISE, _SEEN = 1e-11, 1e-3
 
-# Part of what adds up in accelerations, times the span, that no absolute tolerance of velocities goes below.
+# Part of what adds up in a stretch that is roundoff; and of what does in accelerations, times the span, below which no
+# absolute tolerance of velocities goes.
 _ROUNDOFF = 1e-15
 
 # Part of the scene's velocities below which loads tell nothing of a part: a few times miss pulses.
@@ -231,17 +232,20 @@ def _stretched(system: System) -> Iterator[tuple[Mapping[int, float], float, flo
     scene = system.scene
     place = [element.position for element in (*scene.bodies, *scene.drives)]
 
-    def at(coefficients: Mapping[int, float]) -> float:
-        return float(sum(c * place[i] for i, c in coefficients.items()))
+    def beyond(limit: float, coefficients: Mapping[int, float]) -> float:
+        """Return how far a stretch is beyond a limit, 0 where that is roundoff."""
+        parts = [-limit, *(c * place[i] for i, c in coefficients.items())]
+        found = sum(parts)
+        return float(found) if abs(found) > _ROUNDOFF * sum(map(abs, parts)) else 0.0
 
     for link in system.couplings:
         if link.stiffness:
-            yield link.coefficients, link.stiffness, abs(at(link.coefficients) - link.rest)
+            yield link.coefficients, link.stiffness, abs(beyond(link.rest, link.coefficients))
     for gap, j in zip(scene.gaps, system.is_gap.nonzero()[0].tolist(), strict=True):
         coefficients = system.rows[j].coefficients
-        x = at(coefficients)
+        above, below = (beyond(x, coefficients) if math.isfinite(x) else 0.0 for x in (gap.upper, gap.lower))
         # where its damping is clipped a gap is as stiff as two
-        yield coefficients, 2 * gap.stiffness, max(x - gap.upper, gap.lower - x, 0.0)
+        yield coefficients, 2 * gap.stiffness, max(above, -below, 0.0)
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:

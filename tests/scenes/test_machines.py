@@ -475,6 +475,33 @@ def test_two_one_way_clutches_rectify() -> None:
     assert result.position("out")[-1] == pytest.approx(3 * 2 / np.pi, rel=1e-2)
 
 
+@every_engine
+@pytest.mark.parametrize(
+    "wheels",
+    [
+        [Body("a", inertia=2.0), Body("b", inertia=1.0), *(Force(x, f) for x in "ab" for f in (0.1, 0.2, -0.3))],
+        [Body("a", inertia=0.7), Body("b", inertia=0.1), Force("a", 7.0), Force("b", 1.0)],
+        [Body("a", inertia=0.9), Body("b", inertia=0.3), Force("a", 0.3), Force("b", 0.1)],
+    ],
+    ids=["loads that cancel", "10 rad/s^2", "1/3 rad/s^2"],
+)
+def test_a_clutch_whose_force_is_roundoff_stays_locked_while_others_move(
+    wheels: list[Any], options: dict[str, Any], off: float
+) -> None:
+    """Both wheels accelerate alike, so nothing goes through the clutch; a slider beside it stops after 1 / 0.3 s."""
+    scene = Scene(
+        *wheels,
+        OneWay("clutch", "b", "a"),
+        Body("slider", inertia=1.0, velocity=1.0),
+        Contact("rub", "slider", GROUND, dry(0.3), normal=1.0),
+    )
+    result = simulate(scene, (0.0, 6.0), **options)
+    assert [event.contact for event in result.events] == ["rub"]
+    check(result, "rub", [1 / 0.3], off)
+    pull = sum(one.signal(0.0) for one in wheels if isinstance(one, Force) and one.body == "a")
+    assert result.velocity("b")[-1] == pytest.approx(6.0 * pull / wheels[0].inertia, rel=1e-9, abs=1e-12)
+
+
 # -- elements of old --------------------------------------------------------------------------------------
 
 

@@ -18,9 +18,11 @@ from stickslip import (
     Damper,
     DryFriction,
     Force,
+    Gap,
     LuGre,
     Sampled,
     Scene,
+    Spring,
     StateSpace,
     feedback,
     output,
@@ -108,3 +110,17 @@ def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
     scene = Scene(Body("a", inertia=1.0, position=-weight / k), Force("a", -k * position("a")), Force("a", push))
     stats = simulate(scene, (0.0, 1.0), method="BDF").stats
     assert stats["steps"] < 100
+
+
+@pytest.mark.parametrize("options", [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize(
+    "held", [Spring("a", GROUND, stiffness=1e3, rest=0.3), Gap("g", "a", GROUND, upper=0.3, stiffness=1e3)]
+)
+def test_a_spring_at_rest_but_for_roundoff_tells_no_speed(held: Any, options: dict[str, Any]) -> None:
+    """Its stretch is that of ``0.1 + 0.2 - 0.3``, 5.6e-17 m; a smooth push moves the body by a millimetre."""
+    push = Force("a", feedback(lambda t: math.sin(7 * t) ** 2, TIME))
+    at_rest, nearly = (Scene(Body("a", inertia=1.0, position=x), held, push) for x in (0.3, 0.1 + 0.2))
+    exact = simulate(at_rest, (0.0, 1.0), rtol=1e-11, atol=1e-14)
+    results = [simulate(scene, (0.0, 1.0), **options) for scene in (at_rest, nearly)]
+    assert results[1].stats["steps"] < 1.1 * results[0].stats["steps"]
+    assert results[1].position("a")[-1] == pytest.approx(exact.position("a")[-1], abs=1e-7)

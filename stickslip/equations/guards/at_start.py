@@ -95,7 +95,11 @@ class GuardsAtStart(GuardValues):
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         if rows.has_forces:
             largest = max((rows.is_force * self.force_scale).tolist())
-            near = rows.is_force * (soon * np.abs(self.first[1]) + _NEAR * largest)
+            of_forces = rows.is_force * (soon * np.abs(self.first[1]) + _NEAR * largest)
+            if rows.signed.size:
+                # the largest force about may be what loads and springs leave that cancel
+                of_forces[rows.signed] += ROUNDOFF * self.majorant[0, rows.signed]
+            near = of_forces
         if self._has_constant:
             near = near + _NEAR * self._constant
         if rows.has_borders:
