@@ -8,6 +8,7 @@ motion, ``Z Z^T lambda`` is added over the directions Z in which forces are not 
 from __future__ import annotations
 
 import contextlib
+import math
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
 from stickslip.equations.algebra.matrices import MatrixBlock, assembled, dense
+from stickslip.equations.balance import joined
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -122,20 +124,26 @@ class _Residual:
         force = start.z[0, system.m : system.m + held.size]
         self.start = np.concatenate([motion.y, force])
         self.start_rate = np.concatenate([start.y[1], start.z[1, system.m : system.m + held.size]])
-        self._null = self._null_space(held)
         self._scale_forces(force)
+        self._null = self._null_space(held)
         self._place_jacobian()
 
     def _null_space(self, held: Indices) -> Array | None:
-        """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
+        """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm.
+
+        It makes accelerations of forces, as large as these would be.
+        """
         if not self._motion.equations.balance.has_loops:
             return None
         scale = self._system.largest_lever[held]
         unit = dense(self._G) / scale[:, None]
         values, vectors = np.linalg.eigh(unit @ unit.T)
         free = vectors[:, values < 1e-9 * values.max()]
+        part = joined(self._G)
+        mobility = np.zeros(part.max() + 1)
+        np.maximum.at(mobility, part, 1.0 / (self.impulse_scale * scale**2))
         # the least norm is that of lambda * scale
-        return np.asarray((free @ free.T) * scale / scale.max())
+        return np.asarray(free @ free.T * (mobility[part] * scale)[:, None] * scale)
 
     def _scale_forces(self, force: Array) -> None:
         motion, system = self._motion, self._system
@@ -151,8 +159,9 @@ class _Residual:
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
         # a body without inertia moves only with others, so count it as the lightest of those
-        lightest = system.inertia.min(initial=1.0, where=system.inertia > 0)
-        inverse = 1.0 / np.where(system.inertia > 0, system.inertia, lightest)
+        heavy = system.inertia > 0
+        lightest = system.inertia.min(initial=math.inf, where=heavy)
+        inverse = 1.0 / np.where(heavy, system.inertia, lightest)
         squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)
         self.impulse_scale = 1.0 / np.maximum(squared @ inverse, np.finfo(float).tiny)
 

@@ -181,6 +181,25 @@ def test_doubled_contacts_share_evenly(formulation: str) -> None:
     np.testing.assert_allclose(result.force("two"), -3.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1e11])
+def test_contacts_that_share_their_load_take_no_more_steps_in_another_unit(unit: float) -> None:
+    """Mass and forces in another unit: three contacts stop a body, and hold it against a tenth of their levels."""
+
+    def run(k: float) -> Result:
+        scene = Scene(
+            Body("b", inertia=2.0 * k, velocity=1.0),
+            *(Contact(f"c{i}", "b", GROUND, DryFriction(0.5, 0.3), normal=k * (3 + i)) for i in range(3)),
+            Force("b", sine(0.1 * k, 0.7)),
+        )
+        return simulate(scene, (0.0, 4.0), formulation="multiplier")
+
+    one, other = run(1.0), run(unit)
+    assert [(e.contact, e.after) for e in other.events] == [(f"c{i}", 0) for i in range(3)]
+    np.testing.assert_allclose([e.t for e in other.events], [e.t for e in one.events], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(other.force("c0")[-1], unit * one.force("c0")[-1], rtol=1e-6)
+    assert other.stats["steps"] < 1.2 * one.stats["steps"]
+
+
 def test_forces_of_random_redundant_groups_have_least_norm() -> None:
     """Against the pseudoinverse of ``G M^-1 G^T``... over the incidence: ``lambda = (G^T)^+ (F - M a)``."""
     rng = np.random.default_rng(7)
