@@ -169,7 +169,7 @@ class Run:
         self.recorder.keep(now, path, t)
         if self._wanted.has_errors:
             self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
-            if self._wanted.is_guess:
+            if self._wanted.guessed.any():
                 self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
                 rates = now.motion.rate_magnitudes()[: self.system.n]
                 self._pushed = max(self._pushed, float(rates.max(initial=0.0)))

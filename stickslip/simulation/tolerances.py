@@ -13,7 +13,7 @@ from stickslip.engines.base import Method
 from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.equations.system import System
 from stickslip.events.situation import Uncertainty
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Mask
 from stickslip.model.checks import rounded_up
 from stickslip.model.signals import Signal
 
@@ -25,6 +25,8 @@ _BRISTLE = 1e-6
 
 _FORCE_UNCERTAINTY = 1e-12  # part of the forces that is uncertain at least
 _EXACT = 1e-8  # part of the scene's velocities that an exact engine resolves, whatever the tolerances
+
+_FAR_BELOW = 0.1  # part of what loads let expect below which a velocity is one that they did not tell
 
 # Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move.
 _HIDDEN = 1e-5
@@ -68,14 +70,21 @@ class Tolerances:
     system: System
     # whether velocities have errors where they pass 0: not of exact engines, or where events are at step ends
     has_errors: bool
-    is_guess: bool  # whether nothing but forces told the velocity scale
+    guessed: Mask  # (n,): bodies of which nothing but loads told how fast they may be
 
     def hide(self, reached: Reached) -> bool:
-        """Tell whether a run was so slow, beside what forces let expect, that the absolute tolerance hides it."""
-        atol = float(self.atol[: reached.velocities.size].max(initial=0.0))
-        speed = float(reached.velocities.max(initial=0.0))
+        """Tell whether a run was so slow, beside what loads let expect, that the tolerances hide it.
+
+        The absolute one hides how bodies move, or what steps add up to is more than a small part of a velocity.
+        """
+        velocities, n = reached.velocities, reached.velocities.size
+        atol, speed = float(self.atol[:n].max(initial=0.0)), float(velocities.max(initial=0.0))
         noise = max(_NOISE * max(reached.pushed, self.speed), _SEEN * atol)
-        return self.is_guess and noise < speed < atol / _HIDDEN
+        if self.guessed.all() and noise < speed < atol / _HIDDEN:
+            return True
+        slow = self.guessed & (velocities > noise) & (velocities < _FAR_BELOW * self.speeds)
+        errors = _added_up(self.rtol * self.speeds + self.atol[:n], self.speeds)
+        return bool(np.any(errors[slow] > _AT_MOST * velocities[slow]))
 
     def uncertainty(self, fastest: Array) -> Uncertainty:
         """Return what is uncertain now: a part of the `fastest` velocity of each body that the solver has seen."""
@@ -120,9 +129,10 @@ def tolerances(
             if rtol < _FINEST:
                 raise _unresolved(system, finest, speed, resolution)
     has_errors = not (is_exact or method.takes_steps)
-    speeds = (
-        _speeds(system, start, stop, speed) if reached is None else system.transmission.handed_on(reached.velocities)
-    )
+    if reached is None:
+        speeds, guessed = _speeds(system, start, stop, speed, is_guess)
+    else:
+        speeds, guessed = system.transmission.handed_on(reached.velocities), np.zeros(system.n, dtype=bool)
     each = np.full(system.size, atol)
     each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
     if speed > 0:
@@ -163,7 +173,7 @@ def tolerances(
         speeds,
         system,
         has_errors,
-        is_guess,
+        guessed,
     )
 
 
@@ -180,17 +190,20 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
     )
 
 
-def _speeds(system: System, start: float, stop: float, speed: float) -> Array:
-    """Return the velocity scale of each body: the `speed` of the scene, or less where its part is slower."""
+def _speeds(system: System, start: float, stop: float, speed: float, is_guess: bool) -> tuple[Array, Mask]:
+    """Return the velocity scale of each body, and where it is a guess: nothing but loads told it.
+
+    It is the `speed` of the scene, of which the same is known, or less where the part of the body is slower.
+    """
     transmission = system.transmission
     if transmission.is_uniform:
-        return np.full(system.n, speed)
+        return np.full(system.n, speed), np.full(system.n, is_guess)
     known, pushed = (
         transmission.handed_on(np.minimum(found, speed))
         for found in (_known(system, start, stop), _pushed(system, start, stop))
     )
     # as in the scene loads count where nothing else tells
-    return np.where(known > 0, known, np.where(pushed > _UNSEEN * speed, pushed, 0.0))
+    return np.where(known > 0, known, np.where(pushed > _UNSEEN * speed, pushed, 0.0)), known == 0
 
 
 def _known(system: System, start: float, stop: float) -> Array:

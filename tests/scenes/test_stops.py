@@ -162,6 +162,24 @@ def test_a_ball_bounces_to_rest_whatever_else_spins(others: int, height: float) 
 
 
 @every_engine
+@pytest.mark.parametrize("stop", [1e4, 1e6])
+def test_a_ball_bounces_however_long_the_run(stop: float, options: dict[str, Any], off: float) -> None:
+    """Its weight for as long as the run would make it far faster than it gets; it rests after ``t1 (1 + e)/(1 - e)``."""
+    g, e, height = 9.81, 0.8, 0.2
+    scene = Scene(
+        Body("ball", inertia=1.0, position=height),
+        Force("ball", -g),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=e),
+    )
+    result = simulate(scene, (0.0, stop), **options)
+    t1 = math.sqrt(2 * height / g)
+    expected = [t1 * (1 + 2 * sum(e**k for k in range(1, n))) for n in range(1, 12)]
+    np.testing.assert_allclose(times(result, "floor")[:11], expected, rtol=0, atol=10 * off)
+    assert result.events[-1].t == pytest.approx(t1 * (1 + e) / (1 - e), abs=1e-4)
+    assert result.sample([t1 * (1 + 2 * e + e**2)]).position("ball")[0] == pytest.approx(height * e**4, abs=off)
+
+
+@every_engine
 @pytest.mark.parametrize("heights", [(1e-5, 1.0), (1e-6, 1e6)])
 def test_balls_that_land_together_rebound_each_for_itself(
     heights: tuple[float, float], options: dict[str, Any], off: float
