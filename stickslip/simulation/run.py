@@ -139,10 +139,11 @@ class Run:
         # rests at are as fast as bodies
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
-        impact = struck(system, y[: system.n], u, u, sides, hit, self._wanted.rebound) if hit.any() else None
+        slowest = self._wanted.slowest_rebound(self._fastest)
+        impact = struck(system, y[: system.n], u, u, sides, hit, slowest) if hit.any() else None
         if impact is not None:
             y[: system.n] = impact.v
-        sides[sides * system.relative_velocity(y, q) < -self._wanted.rebound] = 0
+        sides[sides * system.relative_velocity(y, q) < -slowest] = 0
         return hit, sides, impact
 
     def advance(self) -> None:
@@ -167,12 +168,12 @@ class Run:
         if self._relaxation.rows.size:
             self._relaxation.note(now.motion, path)
         self.recorder.keep(now, path, t)
-        if self._wanted.has_errors:
+        if self._wanted.has_errors or self.system.has_stops:
             self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
-            if self._wanted.guessed.any():
-                self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
-                rates = now.motion.rate_magnitudes()[: self.system.n]
-                self._pushed = max(self._pushed, float(rates.max(initial=0.0)))
+        if self._wanted.has_errors and self._wanted.guessed.any():
+            self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
+            rates = now.motion.rate_magnitudes()[: self.system.n]
+            self._pushed = max(self._pushed, float(rates.max(initial=0.0)))
         if self.stopped is not None:
             self.timeline.t = t
             return
@@ -234,7 +235,9 @@ class Run:
             return
         self.timeline.restarts += 1
         at_end = EndState(t, t - motion.t, end.y, end.was)
-        jump = jumped(motion, self.loads, at_end, before, crossed, self._wanted.rebound, None)
+        self._fastest = np.maximum(self._fastest, end.was[: self.system.n])
+        slowest = self._wanted.slowest_rebound(self._fastest)
+        jump = jumped(motion, self.loads, at_end, before, crossed, slowest, None)
         stops = self._come_to_rest(t, local.modes, jump, partial(local.arrived, t))
         touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
@@ -307,9 +310,10 @@ class Run:
     ) -> tuple[Situation, Jump]:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
-        errors, margin = LOCAL * self._wanted.atol if self._wanted.has_errors else None, self._wanted.rebound
+        errors = LOCAL * self._wanted.atol if self._wanted.has_errors else None
         end = EndState(t, float(path.taus[-1]), path.last, path.largest)
-        jump = jumped(motion, self.loads, end, now.labels, at.crossed, margin, errors)
+        slowest = self._wanted.slowest_rebound(self._fastest)
+        jump = jumped(motion, self.loads, end, now.labels, at.crossed, slowest, errors)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size or not system.all_hard:

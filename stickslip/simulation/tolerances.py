@@ -62,7 +62,8 @@ class Tolerances:
     atol: Array  # (size,): for each state
     # (m,): relative velocities in m/s or rad/s below which contacts may be found to have relaxed to rest
     margin: Array
-    rebound: Array  # (m,): relative velocities in m/s or rad/s below which stops do not rebound
+    # (m,): relative velocities in m/s or rad/s below which stops do not rebound, None for a part of those of bodies
+    rebound: Array | None
     velocity_resolution: Array  # (m,): relative velocities in m/s or rad/s that the tolerances do not resolve
     force_uncertainty: float  # part of the forces that is uncertain
     speed: float  # velocity scale in m/s or rad/s
@@ -85,6 +86,16 @@ class Tolerances:
         slow = self.guessed & (velocities > noise) & (velocities < _FAR_BELOW * self.speeds)
         errors = _added_up(self.rtol * self.speeds + self.atol[:n], self.speeds)
         return bool(np.any(errors[slow] > _AT_MOST * velocities[slow]))
+
+    def slowest_rebound(self, fastest: Array) -> Array:
+        """Return relative velocities (m,) below which stops do not rebound.
+
+        An exact engine knows velocities to roundoff: so small rebounds are real, however fast loads might make a body.
+        """
+        if self.rebound is not None:
+            return self.rebound
+        so_far = np.minimum(self.speeds, self.system.transmission.handed_on(fastest))
+        return row_maxima(self.system.abs_G * (_REBOUND * np.where(self.guessed, so_far, self.speeds)))
 
     def uncertainty(self, fastest: Array) -> Uncertainty:
         """Return what is uncertain now: a part of the `fastest` velocity of each body that the solver has seen."""
@@ -153,12 +164,7 @@ def tolerances(
         )
     errors, levers = rtol * speeds + each[: system.n], system.abs_G
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
-    relaxed = rebound = np.full(system.m, margin or 0.0)
-    if margin is None:
-        relaxed = rebound = row_maxima(levers * _added_up(errors, speeds))
-        if is_exact:
-            # an exact engine knows velocities to roundoff: so small rebounds are real
-            rebound = row_maxima(levers * (_REBOUND * speeds))
+    relaxed = row_maxima(levers * _added_up(errors, speeds)) if margin is None else np.full(system.m, margin)
     if is_exact:
         # loose tolerances say how soon what dies away counts as at rest, and nothing else
         errors = np.minimum(errors, _EXACT * speeds)
@@ -166,7 +172,7 @@ def tolerances(
         rtol,
         each,
         relaxed,
-        rebound,
+        None if is_exact and margin is None else relaxed,
         row_maxima(levers * errors),
         force_uncertainty,
         speed,

@@ -164,7 +164,7 @@ def test_a_ball_bounces_to_rest_whatever_else_spins(others: int, height: float) 
 @every_engine
 @pytest.mark.parametrize("stop", [1e4, 1e6])
 def test_a_ball_bounces_however_long_the_run(stop: float, options: dict[str, Any], off: float) -> None:
-    """Its weight for as long as the run would make it far faster than it gets; it rests after ``t1 (1 + e)/(1 - e)``."""
+    """Its weight would make it far faster in all that time than it gets; it rests after ``t1 (1 + e)/(1 - e)``."""
     g, e, height = 9.81, 0.8, 0.2
     scene = Scene(
         Body("ball", inertia=1.0, position=height),
@@ -177,6 +177,24 @@ def test_a_ball_bounces_however_long_the_run(stop: float, options: dict[str, Any
     np.testing.assert_allclose(times(result, "floor")[:11], expected, rtol=0, atol=10 * off)
     assert result.events[-1].t == pytest.approx(t1 * (1 + e) / (1 - e), abs=1e-4)
     assert result.sample([t1 * (1 + 2 * e + e**2)]).position("ball")[0] == pytest.approx(height * e**4, abs=off)
+
+
+@every_engine
+@pytest.mark.parametrize("ratio", [10.0, 1e6])
+def test_a_ball_that_turns_a_flywheel_bounces_like_any_other(ratio: float, options: dict[str, Any], off: float) -> None:
+    """Its force moves the flywheel, too: it falls for 0.5 s with 8 m/s^2, and rebounds with e = 1/2 until 1.5 s."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0),
+        Body("flywheel", inertia=2.0),
+        Gear("screw", "flywheel", "ball", ratio=ratio),
+        Force("ball", -8.0 * (1.0 + 2.0 * ratio**2)),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+    )
+    result = simulate(scene, (0.0, 3.0), **options)
+    impacts = times(result, "floor")
+    np.testing.assert_allclose(impacts[:10], 1.5 - 2.0 ** -np.arange(10), rtol=0, atol=off)
+    assert impacts[-1] == pytest.approx(1.5, abs=1e-9 if off < 1e-9 else 2e-3)
+    assert result.sample([1.1]).position("ball")[0] == pytest.approx(0.06, abs=off)
 
 
 @every_engine
