@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from stickslip import (
@@ -18,6 +19,7 @@ from stickslip import (
     DryFriction,
     Force,
     OneWay,
+    Sampled,
     Scene,
     Spring,
     feedback,
@@ -25,6 +27,7 @@ from stickslip import (
     position,
     simulate,
     sine,
+    step,
     velocity,
 )
 from validation.against_oracles import difference, scene_of
@@ -394,3 +397,46 @@ def test_a_force_that_is_0_at_the_start_is_no_measure_for_others() -> None:
     The series was cut 5e-7 N off, and the contact let go for half a millisecond that others hold.
     """
     assert difference("one-way", "contact-force", 163) < 1e-7
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("speed", [1e3, 1e5])
+def test_samples_do_not_hide_that_a_slow_slide_stops_beside_a_fast_wheel(speed: float, options: dict[str, Any]) -> None:
+    """A block in continuous motion is looked at each millisecond; by quadrature of ``dv / (10 mu(v) - 1.9)`` it stops.
+
+    An open clutch joins it to the wheel, of whose velocity the solver leaves a part uncertain.
+    """
+    scene = Scene(
+        Body("slide", inertia=1.0, velocity=0.05),
+        Contact("rub", "slide", GROUND, DryFriction(0.22, 0.2, stribeck_velocity=1e-4), normal=10.0),
+        Force("slide", 1.9),
+        Body("wheel", inertia=1.0, velocity=speed),
+        Contact("clutch", "wheel", "slide", DryFriction(0.3, 0.3), normal=step(50.0, 0.0, 1.0)),
+        Sampled("look", period=1e-3, inputs=[position("slide")], output=lambda t, x, u: [u[0]]),
+    )
+    result = simulate(scene, (0.0, 1.0), **options)
+    slows = [
+        quad(lambda v: 1 / (0.1 + 0.2 * math.exp(-((v / 1e-4) ** 2))), *ends)[0] for ends in ((0, 1e-3), (1e-3, 0.05))
+    ]
+    (event,) = result.events
+    assert (event.contact, event.after) == ("rub", 0) and event.t == pytest.approx(sum(slows), abs=1e-7)
+    assert result.velocity("slide")[-1] == 0.0
+
+
+@pytest.mark.parametrize("stop", [5.0, 1e4, 1e6])
+@pytest.mark.parametrize("breaks", [[1.0], [1.0, 1.2], [1.0, 1.2, 1.4]])
+def test_breaks_of_other_loads_do_not_hide_it_in_a_long_run(breaks: list[float], stop: float) -> None:
+    """Friction of 2 N and a damper stop a body that 3 N have pushed for a second; others would be fast by the end."""
+    others = piecewise_linear([0.0, *breaks], [3.0, *[2.0] * (len(breaks) - 1), 0.0])
+    scene = Scene(
+        Body("free", inertia=1.0),
+        Force("free", others),
+        Body("b", inertia=1.0),
+        Force("b", piecewise_linear([0.0, 1.0, 1.0], [3.0, 3.0, 0.0])),
+        Damper("b", GROUND, damping=2.0),
+        Contact("c", "b", GROUND, DryFriction(0.5, 0.5), normal=4.0),
+    )
+    result = simulate(scene, (0.0, stop))
+    (event,) = result.events
+    assert event.t == pytest.approx(1 + 0.5 * math.log(1 + 0.5 * (1 - math.exp(-2))), abs=1e-7)
+    assert result.sample([3.0]).mode("c")[0] == 0

@@ -12,7 +12,7 @@ import numpy as np
 from stickslip.engines.progress import Interruption, OutOfReach, Progress
 from stickslip.engines.solvers.dips import first_dip
 from stickslip.engines.solvers.guards_along import GuardsAlong
-from stickslip.engines.solvers.passing import back_to_zero
+from stickslip.engines.solvers.passing import back_from_end, back_to_zero
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
@@ -151,7 +151,7 @@ def follow(
         return motion.until(path, missed.tau, touched=missed.touched)
     if missed is not None:
         return back_to_zero(along, missed.tau)
-    return back_to_zero(along, float(path.taus[-1])) if path.hit else path
+    return back_to_zero(along, float(path.taus[-1])) if path.hit else back_from_end(along)
 
 
 def _protected(

@@ -18,6 +18,7 @@ from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.guards.guards import FULLY
 from stickslip.equations.path import Path
+from stickslip.model.arrays import Indices
 from stickslip.model.crossings import root_between
 
 _FEW = 4  # points that are looked at together, the last first: a velocity is not beyond 0 for long
@@ -25,9 +26,35 @@ _FEW = 4  # points that are looked at together, the last first: a velocity is no
 
 def back_to_zero(along: GuardsAlong, end: float) -> Path:
     """Return the path up to where the first of the guards was 0 that are negative at local time `end`."""
-    guards, path, found = along.guards, along.path, end
+    guards = along.guards
     late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
-    for row in (late <= (1 - FULLY) * guards.leeway).nonzero()[0].tolist():
+    return _up_to_first(along, (late <= (1 - FULLY) * guards.leeway).nonzero()[0], end)
+
+
+def back_from_end(along: GuardsAlong) -> Path:
+    """Return the path up to where a velocity has come to 0 that the motion drives on beyond it at the end of the path.
+
+    It is not beyond by more than is uncertain. But the next motion, as after a sample, would not know that it was ever
+    positive, and if motions are short it would never be beyond by that much.
+    """
+    guards, path = along.guards, along.path
+    rows = guards.passing[guards.passing < guards.rows.slips]
+    rows = rows[along.low[rows, -1] <= guards.leeway[rows]]
+    if not rows.size:
+        return path
+    end = float(path.taus[-1])
+    beyond = [
+        i
+        for i in rows[along.values(rows, np.array([end]))[:, 0] < 0].tolist()
+        if _rising(along, i, end) < 0 <= guards.first[0, i]
+    ]
+    return _up_to_first(along, np.array(beyond), end) if beyond else path
+
+
+def _up_to_first(along: GuardsAlong, rows: Indices, end: float) -> Path:
+    """Return the path up to where the first of some guards was 0 that are negative at local time `end`."""
+    path, found = along.path, end
+    for row in rows.tolist():
         # what begins beyond 0 is told where it has passed what is uncertain
         for beyond in (False, True):
             step = _last_before(along, row, end, beyond)
@@ -45,14 +72,12 @@ def _once_driven_back(along: GuardsAlong, i: int, root: float, end: float) -> fl
 
     One that comes to 0 falls. Where it does not, it is 0 by errors only, and has not been farther from it than these.
     """
-    motion, guards, path = along.motion, along.guards, along.path
+    guards, path = along.guards, along.path
     if i not in guards.passing or not 0 < root < end:
         return root
-    row, sign = int(guards.row[i]), float(guards.rows.sign[i])
-    least = ROUNDOFF * float(guards.majorant[1, i])
 
     def rising(tau: float) -> float:
-        return sign * motion.relative_acceleration(tau, path.state(tau), row) + least
+        return _rising(along, i, tau)
 
     left = root
     if rising(left) < 0:
@@ -62,6 +87,14 @@ def _once_driven_back(along: GuardsAlong, i: int, root: float, end: float) -> fl
             return root_between(rising, left, right)
         left = right
     return root
+
+
+def _rising(along: GuardsAlong, i: int, tau: float) -> float:
+    """Return how fast the motion makes a velocity grow, and its roundoff."""
+    motion, guards = along.motion, along.guards
+    row, sign = int(guards.row[i]), float(guards.rows.sign[i])
+    grows = sign * motion.relative_acceleration(tau, along.path.state(tau), row)
+    return grows + ROUNDOFF * float(guards.majorant[1, i])
 
 
 def _last_before(along: GuardsAlong, row: int, end: float, late: bool) -> int | None:
