@@ -200,17 +200,19 @@ def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: f
     is what those of its ends add up to. A solver knows that but for its `errors`; an exact engine but for roundoff, and
     as a part of what the speed makes of it in the time `ahead`, too.
     """
-    system, functions = motion.system, motion.system.piecewise
-    rate = motion.rate(end.tau, end.y)
-    pace = system.abs_G @ np.abs(rate[: system.n])
+    system, functions, n = motion.system, motion.system.piecewise, motion.system.n
+    pace, speeds = system.abs_G @ np.abs(motion.rate(end.tau, end.y)[:n]), system.abs_G @ end.largest[:n]
     if system.drives:
         pace = pace + system.abs_D @ np.abs(system.drive_accelerations(q))
+        speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
     _, _, size = functions.limits(end.y, q, end.largest)
     some = functions.is_stop & hit[functions.row]
     if errors is not None:
         # of a stop that is hit the last flight may have been as low as this one
         _, _, lost = functions.limits(np.zeros_like(errors), np.zeros_like(q), errors)
-        rough = 2.0 * np.maximum(ROUNDOFF * size, lost)[some]
+        # and a guard knows no more than the roundoff of the time leaves of its place
+        late = TIME * abs(end.t) * speeds[functions.row]
+        rough = 2.0 * (np.maximum(ROUNDOFF * size, lost) + late)[some]
         slowest = np.sqrt(rough * pace[functions.row[some]])
     else:
         rough = 2.0 * STRETCH_ROUNDOFF * size[some]

@@ -180,6 +180,27 @@ def test_a_ball_bounces_however_long_the_run(stop: float, options: dict[str, Any
 
 
 @every_engine
+@pytest.mark.parametrize("start", [1e4, 1e6, 1e8])
+def test_a_ball_bounces_to_rest_on_a_moving_plate_however_late(
+    start: float, options: dict[str, Any], off: float
+) -> None:
+    """It falls on the plate with 8 (1 + 1e-3) m/s^2, and rebounds with e = 1/2: it rests after three times its fall."""
+    scene = Scene(
+        Body("plate", inertia=1e3, velocity=1.0),
+        Body("ball", inertia=1.0, velocity=1.0, position=1.0),
+        Stop("floor", "ball", "plate", lower=0.0, restitution=0.5),
+        Force("ball", -8.0),
+        Force("plate", 8.0),
+    )
+    result = simulate(scene, (start, start + 4.0), **options)
+    fall = math.sqrt(2.0 / 8.008)
+    impacts = np.array(times(result, "floor")) - start
+    np.testing.assert_allclose(impacts[:5], fall * (3 - 2.0 ** (1 - np.arange(5))), rtol=0, atol=off + 1e-14 * start)
+    assert impacts[-1] == pytest.approx(3 * fall, abs=1e-3 + 1e-10 * start)
+    assert result.events[-1].after == Mode.BACKWARD and len(impacts) < 50
+
+
+@every_engine
 @pytest.mark.parametrize("ratio", [10.0, 1e6])
 def test_a_ball_that_turns_a_flywheel_bounces_like_any_other(ratio: float, options: dict[str, Any], off: float) -> None:
     """Its force moves the flywheel, too: it falls for 0.5 s with 8 m/s^2, and rebounds with e = 1/2 until 1.5 s."""
