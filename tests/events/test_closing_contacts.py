@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from stickslip import (
@@ -18,6 +19,7 @@ from stickslip import (
     simulate,
     sine,
     step,
+    velocity,
 )
 
 
@@ -107,3 +109,21 @@ def test_a_block_slips_on_when_another_one_comes_to_rest(amplitude: float) -> No
     start, turn = [e for e in result.events if e.contact == "c4"]
     assert (start.t, int(start.after), int(turn.after)) == (1.0, -1, 1)
     assert turn.t == pytest.approx(3 + 0.7365 / 1.626, abs=1e-12)
+
+
+@pytest.mark.parametrize("start", [2.0**20, 2.0**30])
+def test_a_contact_that_reverses_while_nothing_presses_it_stays_open_however_late(start: float) -> None:
+    """N = 0.8 - 2.1 v is negative as the sliding turns round at 1.352 s; of the time only its roundoff counts."""
+    scene = Scene(
+        Body("a", inertia=1.8, velocity=-1.1, position=-0.2),
+        Body("b", inertia=1.6),
+        Contact("c", "a", "b", DryFriction(0.8, 0.75), normal=0.8 - 2.1 * velocity("a")),
+        Spring("a", GROUND, stiffness=32.0, damping=0.8, rest=-0.07),
+        Spring("b", "a", stiffness=38.0),
+        Force("a", -2.6),
+    )
+    times = np.linspace(0.1, 3.9, 39)
+    at_once, late = simulate(scene, (0.0, 4.0)), simulate(scene, (start, start + 4.0))
+    assert [e.after for e in late.events] == [e.after for e in at_once.events]
+    wanted, found = at_once.sample(times).velocity("a"), late.sample(start + times).velocity("a")
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15 * start + 1e-9)

@@ -138,7 +138,8 @@ class GuardsAtStart(GuardValues):
     def _at_limit(self, i: int, fired: Mask) -> tuple[bool, bool]:
         """Tell whether the row of a guard has been found at its limit, and whether the guard bounds a stop."""
         if not self.is_border[i]:
-            return bool(fired[self.row[i]]), False
+            # a row that has come to rest tells nothing of what presses it
+            return bool(fired[self.row[i]] and not self.is_normal[i]), False
         functions = self.motion.system.piecewise
         owner = functions.owner[self.motion.equations.borders[np.count_nonzero(self.is_border[:i])]]
         of_stop, row = bool(functions.is_stop[owner]), functions.row[owner]
