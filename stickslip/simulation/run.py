@@ -168,7 +168,7 @@ class Run:
         if self._relaxation.rows.size:
             self._relaxation.note(now.motion, path)
         self.recorder.keep(now, path, t)
-        if self._wanted.has_errors or self.system.has_stops:
+        if self._wanted.has_errors or self._wanted.guessed.any():
             self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
         if self._wanted.has_errors and self._wanted.guessed.any():
             self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
@@ -198,7 +198,12 @@ class Run:
         if self._borders is not None:
             path = self._borders.cut(motion, path)
         path = until_out_of_bands(motion, now.guards, path)
-        return until_rest(motion, path, now.guards.velocity_uncertainty, self._wanted.margin)
+        uncertain, wanted = now.guards.velocity_uncertainty, self._wanted
+        cut, relaxed = until_rest(motion, path, uncertain, wanted.margin)
+        if relaxed and wanted.guessed.any():
+            fastest = np.maximum(self._fastest, path.largest[: self.system.n])
+            return until_rest(motion, path, uncertain, wanted.relaxation_margin(fastest))
+        return cut, relaxed
 
     @staticmethod
     def _end(motion: Motion, path: Path, relaxed: list[int]) -> float:

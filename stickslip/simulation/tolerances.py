@@ -62,8 +62,7 @@ class Tolerances:
     atol: Array  # (size,): for each state
     # (m,): relative velocities in m/s or rad/s below which contacts may be found to have relaxed to rest
     margin: Array
-    # (m,): relative velocities in m/s or rad/s below which stops do not rebound, None for a part of those of bodies
-    rebound: Array | None
+    is_given: bool  # whether that margin is the user's, for stops that rebound, too
     velocity_resolution: Array  # (m,): relative velocities in m/s or rad/s that the tolerances do not resolve
     force_uncertainty: float  # part of the forces that is uncertain
     speed: float  # velocity scale in m/s or rad/s
@@ -87,15 +86,26 @@ class Tolerances:
         errors = _added_up(self.rtol * self.speeds + self.atol[:n], self.speeds)
         return bool(np.any(errors[slow] > _AT_MOST * velocities[slow]))
 
+    def relaxation_margin(self, fastest: Array) -> Array:
+        """Return the `margin`, or less: what only loads tell counts no further than the bodies have been `fastest`."""
+        if self.is_given or not self.guessed.any():
+            return self.margin
+        speeds = self._so_far(fastest)
+        errors = self.rtol * speeds + self.atol[: speeds.size]
+        return row_maxima(self.system.abs_G * _added_up(errors, speeds))
+
     def slowest_rebound(self, fastest: Array) -> Array:
         """Return relative velocities (m,) below which stops do not rebound.
 
-        An exact engine knows velocities to roundoff: so small rebounds are real, however fast loads might make a body.
+        An exact engine knows velocities to roundoff: so small rebounds are real.
         """
-        if self.rebound is not None:
-            return self.rebound
-        so_far = np.minimum(self.speeds, self.system.transmission.handed_on(fastest))
-        return row_maxima(self.system.abs_G * (_REBOUND * np.where(self.guessed, so_far, self.speeds)))
+        if self.is_given or self.has_errors:
+            return self.margin
+        return row_maxima(self.system.abs_G * (_REBOUND * self._so_far(fastest)))
+
+    def _so_far(self, fastest: Array) -> Array:
+        """Return the velocity scale of each body, no more than they have been `fastest` where that is a guess."""
+        return np.where(self.guessed, np.minimum(self.speeds, self.system.transmission.handed_on(fastest)), self.speeds)
 
     def uncertainty(self, fastest: Array) -> Uncertainty:
         """Return what is uncertain now: a part of the `fastest` velocity of each body that the solver has seen."""
@@ -164,15 +174,15 @@ def tolerances(
         )
     errors, levers = rtol * speeds + each[: system.n], system.abs_G
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
-    relaxed = row_maxima(levers * _added_up(errors, speeds)) if margin is None else np.full(system.m, margin)
+    relaxes = row_maxima(levers * _added_up(errors, speeds)) if margin is None else np.full(system.m, margin)
     if is_exact:
         # loose tolerances say how soon what dies away counts as at rest, and nothing else
         errors = np.minimum(errors, _EXACT * speeds)
     return Tolerances(
         rtol,
         each,
-        relaxed,
-        None if is_exact and margin is None else relaxed,
+        relaxes,
+        margin is not None,
         row_maxima(levers * errors),
         force_uncertainty,
         speed,

@@ -26,6 +26,7 @@ from stickslip import (
     StateSpace,
     feedback,
     output,
+    piecewise_linear,
     position,
     simulate,
     sine,
@@ -124,3 +125,23 @@ def test_a_spring_at_rest_but_for_roundoff_tells_no_speed(held: Any, options: di
     results = [simulate(scene, (0.0, 1.0), **options) for scene in (at_rest, nearly)]
     assert results[1].stats["steps"] < 1.1 * results[0].stats["steps"]
     assert results[1].position("a")[-1] == pytest.approx(exact.position("a")[-1], abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
+@pytest.mark.parametrize("stop", [20.0, 1e4, 1e6])
+def test_a_body_relaxes_to_rest_however_long_the_run(stop: float, method: Any) -> None:
+    """Pushed for a second, b runs out on a damper, whose v falls like exp(-2 t); another would be fast by the end."""
+    push = piecewise_linear([0.0, 1.0, 1.0], [3.0, 3.0, 0.0])
+    scene = Scene(
+        Body("other", inertia=1.0),
+        Body("b", inertia=1.0),
+        Damper("b", GROUND, damping=2.0),
+        Contact("c", "b", GROUND, DryFriction(0.5, 0.0), normal=4.0),
+        *(Force(body, push) for body in ("other", "b")),
+    )
+    result = simulate(scene, (0.0, stop), method=method)
+    (event,) = result.events
+    assert event.cause == "relaxation" and 6.0 < event.t < 9.0
+    late = np.array([2.0, 3.0, 5.0])
+    wanted = 1.5 * (1 - math.exp(-2)) * np.exp(-2 * (late - 1))
+    np.testing.assert_allclose(result.sample(late).velocity("b"), wanted, rtol=0, atol=1e-7)
