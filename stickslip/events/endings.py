@@ -20,6 +20,8 @@ _TIE, _ALONE = 1e-13, 1e-6  # guards, as parts of their scales, that tie; and th
 _NOTHING = 1e-200
 
 _AT_STOP = 1e-12  # part of what adds up in a stretch within which it is at a limit
+_IN_NO_TIME = 1e-13  # part of the time ahead within which it cannot be told that a stretch has left a limit
+
 _TOLD = 10.0  # how many times its roundoff a stretch has to be for its sign to be told
 
 # How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away.
@@ -215,8 +217,10 @@ def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: f
         rough = 2.0 * (np.maximum(ROUNDOFF * size, lost) + late)[some]
         slowest = np.sqrt(rough * pace[functions.row[some]])
     else:
-        rough = 2.0 * STRETCH_ROUNDOFF * size[some]
-        slowest = np.minimum(np.sqrt(rough * pace[functions.row[some]]), _TOLD * rough / ahead)
+        rough, brakes = 2.0 * STRETCH_ROUNDOFF * size[some], pace[functions.row[some]]
+        slowest = np.minimum(np.sqrt(rough * brakes), _TOLD * rough / ahead)
+        # nor is it told in no time
+        slowest = np.maximum(slowest, _IN_NO_TIME * ahead * brakes)
     part = system.part_of_row
     in_parts = np.zeros(part.max(initial=0) + 1)
     np.maximum.at(in_parts, part[functions.row[some]], slowest)

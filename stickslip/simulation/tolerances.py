@@ -26,7 +26,8 @@ _BRISTLE = 1e-6
 _FORCE_UNCERTAINTY = 1e-12  # part of the forces that is uncertain at least
 _EXACT = 1e-8  # part of the scene's velocities that an exact engine resolves, whatever the tolerances
 
-_FAR_BELOW = 0.1  # part of what loads let expect below which a velocity is one that they did not tell
+# Part of a velocity that errors may add up to: beyond it the passing of 0 is not told from them.
+_TOO_MUCH = 0.1
 
 # Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move.
 _HIDDEN = 1e-5
@@ -75,16 +76,16 @@ class Tolerances:
     def hide(self, reached: Reached) -> bool:
         """Tell whether a run was so slow, beside what loads let expect, that the tolerances hide it.
 
-        The absolute one hides how bodies move, or what steps add up to is more than a small part of a velocity.
+        The absolute one hides how bodies move, or what errors may add up to is no small part of a velocity.
         """
         velocities, n = reached.velocities, reached.velocities.size
         atol, speed = float(self.atol[:n].max(initial=0.0)), float(velocities.max(initial=0.0))
         noise = max(_NOISE * max(reached.pushed, self.speed), _SEEN * atol)
         if self.guessed.all() and noise < speed < atol / _HIDDEN:
             return True
-        slow = self.guessed & (velocities > noise) & (velocities < _FAR_BELOW * self.speeds)
+        slow = self.guessed & (velocities > noise)
         errors = _added_up(self.rtol * self.speeds + self.atol[:n], self.speeds)
-        return bool(np.any(errors[slow] > _AT_MOST * velocities[slow]))
+        return bool(np.any(errors[slow] > _TOO_MUCH * velocities[slow]))
 
     def relaxation_margin(self, fastest: Array) -> Array:
         """Return the `margin`, or less: what only loads tell counts no further than the bodies have been `fastest`."""
@@ -100,7 +101,7 @@ class Tolerances:
         An exact engine knows velocities to roundoff: so small rebounds are real.
         """
         if self.is_given or self.has_errors:
-            return self.margin
+            return self.relaxation_margin(fastest)
         return row_maxima(self.system.abs_G * (_REBOUND * self._so_far(fastest)))
 
     def _so_far(self, fastest: Array) -> Array:

@@ -200,6 +200,24 @@ def test_a_ball_bounces_to_rest_on_a_moving_plate_however_late(
     assert result.events[-1].after == Mode.BACKWARD and len(impacts) < 50
 
 
+@pytest.mark.parametrize("stop", [2.0, 1e3, 1e5])
+@pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8])
+def test_the_last_flights_of_a_ball_leave_others_alone(restitution: float, stop: float) -> None:
+    """They end in less time than can be told in a long run; a block on a spring turns round at k pi / 10 s."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=0.02),
+        Force("ball", -9.81),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=restitution),
+        Body("block", inertia=1.0, position=0.03),
+        Spring("block", GROUND, stiffness=100.0),
+        Contact("rub", "block", GROUND, DryFriction(0.5, 0.3), normal=0.5),
+    )
+    result = simulate(scene, (0.0, stop), method="series")
+    np.testing.assert_allclose(times(result, "rub")[:3], np.pi / 10 * np.arange(1, 4), rtol=0, atol=1e-12)
+    rest = math.sqrt(0.04 / 9.81) * (1 + restitution) / (1 - restitution)
+    assert times(result, "floor")[-1] == pytest.approx(rest, abs=1e-11 + 1e-12 * stop)
+
+
 @every_engine
 @pytest.mark.parametrize("ratio", [10.0, 1e6])
 def test_a_ball_that_turns_a_flywheel_bounces_like_any_other(ratio: float, options: dict[str, Any], off: float) -> None:
