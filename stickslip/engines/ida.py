@@ -138,7 +138,7 @@ class _Residual:
         scale = self._system.largest_lever[held]
         unit = dense(self._G) / scale[:, None]
         values, vectors = np.linalg.eigh(unit @ unit.T)
-        free = vectors[:, values < 1e-9 * values.max()]
+        free = vectors[:, values < 1e-12 * values.max()]
         part = joined(self._G)
         mobility = np.zeros(part.max() + 1)
         np.maximum.at(mobility, part, 1.0 / (self.impulse_scale * scale**2))

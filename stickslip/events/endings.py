@@ -101,6 +101,9 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
+        if part.min() > _ALONE and (back := guards.not_told(float(path.taus[-1]))).any():
+            # what is known to have come to 0 has left it so short a time before that its value does not tell
+            at = back
         if guards.velocity_uncertainty is not None:
             at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
         # where a normal force ends it is not the row that has come to its limit

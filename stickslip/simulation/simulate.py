@@ -75,8 +75,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     rtol, atol : float
         Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none. An
         absolute tolerance that would hide how bodies move is tightened to ``rtol`` times the scene's velocities. Where
-        only forces tell these, and all bodies turn out slower than ``1e5 atol``, the run is made a second time, but
-        with sampled blocks.
+        only forces tell these, and all bodies turn out slower than ``1e5 atol``, or errors may add up to a tenth of a
+        velocity, the run is made a second time, but with sampled blocks.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional

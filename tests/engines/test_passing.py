@@ -423,6 +423,26 @@ def test_samples_do_not_hide_that_a_slow_slide_stops_beside_a_fast_wheel(speed: 
     assert result.velocity("slide")[-1] == 0.0
 
 
+@pytest.mark.parametrize("options", [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("speed", [1e2, 1e5])
+def test_events_of_others_do_not_hide_it_either(speed: float, options: dict[str, Any]) -> None:
+    """A slide stops after 0.02 / (0.1 + 0.05) s beside a wheel as above; a block on a spring oscillates."""
+    scene = Scene(
+        Body("slide", inertia=1.0, velocity=0.02),
+        Contact("rub", "slide", GROUND, DryFriction(0.1, 0.1), normal=1.0),
+        Force("slide", -0.05),
+        Body("wheel", inertia=1.0, velocity=speed),
+        Contact("clutch", "wheel", "slide", DryFriction(0.3, 0.3), normal=step(50.0, 0.0, 1.0)),
+        Body("block", inertia=1.0, position=1.0),
+        Spring("block", GROUND, stiffness=900.0),
+        Contact("other", "block", GROUND, DryFriction(0.5, 0.5), normal=1.0),
+    )
+    result = simulate(scene, (0.0, 1.0), **options)
+    (event,) = (one for one in result.events if one.contact == "rub")
+    assert event.after == 0 and event.t == pytest.approx(0.02 / 0.15, abs=1e-6)
+    assert result.velocity("slide")[-1] == 0.0
+
+
 @pytest.mark.parametrize("stop", [5.0, 1e4, 1e6])
 @pytest.mark.parametrize("breaks", [[1.0], [1.0, 1.2], [1.0, 1.2, 1.4]])
 def test_breaks_of_other_loads_do_not_hide_it_in_a_long_run(breaks: list[float], stop: float) -> None:

@@ -200,6 +200,22 @@ def test_contacts_that_share_their_load_take_no_more_steps_in_another_unit(unit:
     assert other.stats["steps"] < 1.2 * one.stats["steps"]
 
 
+@pytest.mark.parametrize("radius", [1.0, 3e4])
+def test_a_wheel_that_rests_on_another_through_a_long_lever(radius: float) -> None:
+    """Two brakes hold the other one; at the wheel's own radius 0.3 N m is below its level of 1 N m."""
+    law = DryFriction(0.5, 0.4)
+    scene = Scene(
+        Body("wheel", inertia=1.0),
+        Body("drum", inertia=10.0),
+        Contact("rim", "wheel", "drum", law, normal=2.0, radius_b=radius),
+        Contact("one", "drum", GROUND, law, normal=2e5),
+        Contact("two", "drum", GROUND, law, normal=1e5),
+        Force("wheel", 0.3),
+    )
+    result = simulate(scene, (0.0, 1.0), formulation="multiplier")
+    assert not result.events and result.force("rim")[-1] == pytest.approx(0.3, rel=1e-6)
+
+
 def test_forces_of_random_redundant_groups_have_least_norm() -> None:
     """Against the pseudoinverse of ``G M^-1 G^T``... over the incidence: ``lambda = (G^T)^+ (F - M a)``."""
     rng = np.random.default_rng(7)

@@ -149,9 +149,9 @@ def follow(
     look_ahead.note(path, None if missed is None else missed.tau)
     if missed is not None and missed.touched is not None:
         return motion.until(path, missed.tau, touched=missed.touched)
-    if missed is not None:
-        return back_to_zero(along, missed.tau)
-    return back_to_zero(along, float(path.taus[-1])) if path.hit else back_from_end(along)
+    if missed is not None or path.hit:
+        path = back_to_zero(along, float(path.taus[-1]) if missed is None else missed.tau)
+    return back_from_end(along, path)
 
 
 def _protected(

@@ -31,23 +31,18 @@ def back_to_zero(along: GuardsAlong, end: float) -> Path:
     return _up_to_first(along, (late <= (1 - FULLY) * guards.leeway).nonzero()[0], end)
 
 
-def back_from_end(along: GuardsAlong) -> Path:
-    """Return the path up to where a velocity has come to 0 that the motion drives on beyond it at the end of the path.
+def back_from_end(along: GuardsAlong, path: Path) -> Path:
+    """Return a path, or its part up to where a velocity has come to 0 that the motion drives on beyond it at the end.
 
     It is not beyond by more than is uncertain. But the next motion, as after a sample, would not know that it was ever
     positive, and if motions are short it would never be beyond by that much.
     """
-    guards, path = along.guards, along.path
+    guards, end = along.guards, float(path.taus[-1])
     rows = guards.passing[guards.passing < guards.rows.slips]
-    rows = rows[along.low[rows, -1] <= guards.leeway[rows]]
-    if not rows.size:
+    if not rows.size or guards.velocity_uncertainty is None:
         return path
-    end = float(path.taus[-1])
-    beyond = [
-        i
-        for i in rows[along.values(rows, np.array([end]))[:, 0] < 0].tolist()
-        if _rising(along, i, end) < 0 <= guards.first[0, i]
-    ]
+    low = along.values(rows, np.array([end]))[:, 0] < -ROUNDOFF * guards.majorant[0, rows]
+    beyond = [i for i in rows[low].tolist() if guards.first[0, i] >= 0 and _rising(along, i, end) < 0]
     return _up_to_first(along, np.array(beyond), end) if beyond else path
 
 

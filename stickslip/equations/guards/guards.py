@@ -133,6 +133,12 @@ class Guards(GuardsAtStart):
         leaves = self.is_velocity & (self.order > 0) & (tau <= self._roundoff[0])
         return np.asarray(self.row[leaves], dtype=np.intp)
 
+    def not_told(self, tau: float) -> Mask:
+        """Tell which guards leave 0 at the start, and are roundoff up to a local time."""
+        if self.is_plain:
+            return np.zeros(self.size, dtype=bool)
+        return np.asarray(self._leaves & (tau <= self._roundoff[0]))
+
     @cached_property
     def passing(self) -> Indices:
         """Guards of velocities that pass 0."""

@@ -32,7 +32,7 @@ _SHORTEST_STEP = 1 / 256  # shortest step from value to value, as a part of thei
 _FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
 
 # Part by which a cycle that meets the end of a branch may differ from it, and at how many values it is looked for.
-_MEETS, _LOOKS = 0.02, 3
+_MEETS, _LOOKS = 0.02, 14
 
 # Part of the way from a fold to the next value on which cycles keep their sequence of modes.
 _NEAR_FOLD = 0.1

@@ -9,6 +9,8 @@ where ``f = z'`` and T is unknown, too.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from stickslip.model.arrays import Array
@@ -31,8 +33,11 @@ _NEAR_BY, _FAR = 0.05, 0.5
 _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
-def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
-    """Return the cycle to which Newton's method leads from a shot; so many lengths are tried of each step."""
+def closed(shot: Shot, trials: int = _MOST_TRIALS, below: float = math.inf) -> Cycle:
+    """Return the cycle to which Newton's method leads from a shot, by motions with fewer events than `below`.
+
+    So many lengths are tried of each step.
+    """
     tolerance = shot.tolerance
     best = shot
     errors: list[float] = []
@@ -45,7 +50,7 @@ def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
         if shot.error <= _SURE * shot.tolerance or stalls:
             break
         change, longer = shot.solve(-shot.missed)
-        following = _nearer(shot, change, longer, trials)
+        following = _nearer(shot, change, longer, trials, below)
         if following is None:
             break
         shot = following
@@ -57,7 +62,7 @@ def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
     return cycle_of(best)
 
 
-def _nearer(shot: Shot, change: Array, longer: float, trials: int) -> Shot | None:
+def _nearer(shot: Shot, change: Array, longer: float, trials: int, below: float) -> Shot | None:
     """Return the shot after a step of Newton's method, shortened until it misses less; None where that fails."""
     part = 1.0
     if not shot.forced and abs(longer) > 0.5 * shot.period:
@@ -67,6 +72,9 @@ def _nearer(shot: Shot, change: Array, longer: float, trials: int) -> Shot | Non
         try:
             one = shot.moved(part * change, part * longer)
         except (SimulationError, CycleError):
+            part *= 0.5
+            continue
+        if len(one.result.events) >= below:
             part *= 0.5
             continue
         if found is None or one.error < found.error:
@@ -93,7 +101,7 @@ def cycle_within(cycle: Cycle) -> Cycle | None:
         if len(smaller.result.events) >= len(cycle.sequence):
             continue
         try:
-            found = centred(closed(smaller))
+            found = centred(closed(smaller, below=len(cycle.sequence)))
         except (CycleError, SimulationError):
             continue
         if len(found.sequence) < len(cycle.sequence):
