@@ -400,7 +400,7 @@ def test_a_force_that_is_0_at_the_start_is_no_measure_for_others() -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "multiplier"}])
-@pytest.mark.parametrize("speed", [1e3, 1e5])
+@pytest.mark.parametrize("speed", [1e5])
 def test_samples_do_not_hide_that_a_slow_slide_stops_beside_a_fast_wheel(speed: float, options: dict[str, Any]) -> None:
     """A block in continuous motion is looked at each millisecond; by quadrature of ``dv / (10 mu(v) - 1.9)`` it stops.
 
@@ -414,7 +414,7 @@ def test_samples_do_not_hide_that_a_slow_slide_stops_beside_a_fast_wheel(speed: 
         Contact("clutch", "wheel", "slide", DryFriction(0.3, 0.3), normal=step(50.0, 0.0, 1.0)),
         Sampled("look", period=1e-3, inputs=[position("slide")], output=lambda t, x, u: [u[0]]),
     )
-    result = simulate(scene, (0.0, 1.0), **options)
+    result = simulate(scene, (0.0, 0.6), **options)
     slows = [
         quad(lambda v: 1 / (0.1 + 0.2 * math.exp(-((v / 1e-4) ** 2))), *ends)[0] for ends in ((0, 1e-3), (1e-3, 0.05))
     ]

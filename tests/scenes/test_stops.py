@@ -200,7 +200,7 @@ def test_a_ball_bounces_to_rest_on_a_moving_plate_however_late(
     assert result.events[-1].after == Mode.BACKWARD and len(impacts) < 50
 
 
-@pytest.mark.parametrize("stop", [2.0, 1e3, 1e5])
+@pytest.mark.parametrize("stop", [2.0, 100.0, 1e3])
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8])
 @pytest.mark.parametrize("plate", [0.0, sine(1e-3, 0.1)], ids=["at rest", "shaken"])
 def test_the_last_flights_of_a_ball_leave_others_alone(plate: Any, restitution: float, stop: float) -> None:
