@@ -139,7 +139,7 @@ class Run:
         # rests at are as fast as bodies
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
-        slowest = self._wanted.slowest_rebound(self._fastest)
+        slowest = self._slowest_rebound
         impact = struck(system, y[: system.n], u, u, sides, hit, slowest) if hit.any() else None
         if impact is not None:
             y[: system.n] = impact.v
@@ -205,6 +205,11 @@ class Run:
             return until_rest(motion, path, uncertain, wanted.relaxation_margin(fastest))
         return cut, relaxed
 
+    @property
+    def _slowest_rebound(self) -> Array:
+        """Relative velocities (m,) below which stops do not rebound."""
+        return self._wanted.slowest_rebound(self._fastest) if self.system.has_stops else self._wanted.margin
+
     @staticmethod
     def _end(motion: Motion, path: Path, relaxed: list[int]) -> float:
         """Return the time at which a path ends."""
@@ -241,8 +246,7 @@ class Run:
         self.timeline.restarts += 1
         at_end = EndState(t, t - motion.t, end.y, end.was)
         self._fastest = np.maximum(self._fastest, end.was[: self.system.n])
-        slowest = self._wanted.slowest_rebound(self._fastest)
-        jump = jumped(motion, self.loads, at_end, before, crossed, slowest, None)
+        jump = jumped(motion, self.loads, at_end, before, crossed, self._slowest_rebound, None)
         stops = self._come_to_rest(t, local.modes, jump, partial(local.arrived, t))
         touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
@@ -317,8 +321,7 @@ class Run:
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
         errors = LOCAL * self._wanted.atol if self._wanted.has_errors else None
         end = EndState(t, float(path.taus[-1]), path.last, path.largest)
-        slowest = self._wanted.slowest_rebound(self._fastest)
-        jump = jumped(motion, self.loads, end, now.labels, at.crossed, slowest, errors)
+        jump = jumped(motion, self.loads, end, now.labels, at.crossed, self._slowest_rebound, errors)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size or not system.all_hard:

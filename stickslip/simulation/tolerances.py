@@ -106,6 +106,8 @@ class Tolerances:
 
     def _so_far(self, fastest: Array) -> Array:
         """Return the velocity scale of each body, no more than they have been `fastest` where that is a guess."""
+        if not self.guessed.any():
+            return self.speeds
         return np.where(self.guessed, np.minimum(self.speeds, self.system.transmission.handed_on(fastest)), self.speeds)
 
     def uncertainty(self, fastest: Array) -> Uncertainty:
