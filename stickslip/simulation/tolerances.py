@@ -84,16 +84,13 @@ class Tolerances:
         if self.guessed.all() and noise < speed < atol / _HIDDEN:
             return True
         slow = self.guessed & (velocities > noise)
-        errors = _added_up(self.rtol * self.speeds + self.atol[:n], self.speeds)
-        return bool(np.any(errors[slow] > _TOO_MUCH * velocities[slow]))
+        return bool(np.any(self._errors(self.speeds)[slow] > _TOO_MUCH * velocities[slow]))
 
     def relaxation_margin(self, fastest: Array) -> Array:
         """Return the `margin`, or less: what only loads tell counts no further than the bodies have been `fastest`."""
         if self.is_given or not self.guessed.any():
             return self.margin
-        speeds = self._so_far(fastest)
-        errors = self.rtol * speeds + self.atol[: speeds.size]
-        return row_maxima(self.system.abs_G * _added_up(errors, speeds))
+        return row_maxima(self.system.abs_G * self._errors(self._so_far(fastest)))
 
     def slowest_rebound(self, fastest: Array) -> Array:
         """Return relative velocities (m,) below which stops do not rebound.
@@ -110,13 +107,16 @@ class Tolerances:
             return self.speeds
         return np.where(self.guessed, np.minimum(self.speeds, self.system.transmission.handed_on(fastest)), self.speeds)
 
+    def _errors(self, speeds: Array) -> Array:
+        """Return what errors of steps may add up to in the velocities of bodies that are so fast (n,)."""
+        return _added_up(self.rtol * speeds + self.atol[: speeds.size], speeds)
+
     def uncertainty(self, fastest: Array) -> Uncertainty:
         """Return what is uncertain now: a part of the `fastest` velocity of each body that the solver has seen."""
         passed = None
         if self.has_errors:
             speeds = np.maximum(self.speeds, self.system.transmission.handed_on(fastest))
-            errors = self.rtol * speeds + self.atol[: speeds.size]
-            passed = row_maxima(self.system.abs_G * _added_up(errors, speeds))
+            passed = row_maxima(self.system.abs_G * self._errors(speeds))
         return Uncertainty(self.velocity_resolution, self.force_uncertainty, passed)
 
 

@@ -96,9 +96,9 @@ class GuardsAtStart(GuardValues):
         if rows.has_forces:
             largest = max((rows.is_force * self.force_scale).tolist())
             of_forces = rows.is_force * (soon * np.abs(self.first[1]) + _NEAR * largest)
-            if rows.signed.size:
+            if rows.without_level.size:
                 # the largest force about may be what loads and springs leave that cancel
-                of_forces[rows.signed] += ROUNDOFF * self.majorant[0, rows.signed]
+                of_forces[rows.without_level] += ROUNDOFF * self.majorant[0, rows.without_level]
             near = of_forces
         if self._has_constant:
             near = near + _NEAR * self._constant

@@ -10,6 +10,7 @@ where ``f = z'`` and T is unknown, too.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 
@@ -69,12 +70,10 @@ def _nearer(shot: Shot, change: Array, longer: float, trials: int, below: float)
         part = 0.5 * shot.period / abs(longer)
     found: Shot | None = None
     for _ in range(trials):
-        try:
+        one: Shot | None = None
+        with suppress(SimulationError, CycleError):
             one = shot.moved(part * change, part * longer)
-        except (SimulationError, CycleError):
-            part *= 0.5
-            continue
-        if len(one.result.events) >= below:
+        if one is None or len(one.result.events) >= below:
             part *= 0.5
             continue
         if found is None or one.error < found.error:
