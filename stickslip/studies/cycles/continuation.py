@@ -303,24 +303,29 @@ class Follower:
     def _last(self, near: _Reached, smallest: float) -> tuple[list[_Reached], _Reached | None]:
         """Return by bisection the last cycles before the end of a branch, and one of another sequence beyond it."""
         passed, other = [near], None
-        while abs(near.end - near.value) > smallest:
-            middle = 0.5 * (near.value + near.end)
-            if middle in (near.value, near.end):
-                break
+        way = near.end - near.value
+        refused: set[float] = set()
+        while abs(way) > smallest and near.value + 0.5 * way not in (near.value, near.end):
             # a long step may lead elsewhere where a short one does not
-            for value in (middle, near.value + _SHORT_STEP * (near.end - near.value)):
+            for value in (near.value + 0.5 * way, near.value + _SHORT_STEP * way):
+                if value in refused:
+                    continue
                 try:
                     one = self._step(near.cycle, near.value, value)
                 except ERRORS as error:
                     near = near._replace(why=str(error))
+                    refused.add(value)
                     continue
                 if alike(one, near.cycle):
                     near = near._replace(cycle=one, value=value)
                     passed.append(near)
+                    way = near.end - near.value
+                    refused = set()
                     break
                 other = _Reached(one, value)
             else:
-                near = passed[-1] = near._replace(end=middle)
+                way *= 0.5
+                near = passed[-1] = near._replace(end=near.value + way)
         return passed, other
 
     def _within(self, passed: list[_Reached]) -> _Reached | None:
