@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -227,6 +227,15 @@ class Table(Quantity):
     ys: tuple[float, ...]
     before: float = 0.0
     after: float = 0.0
+
+    def checked(self) -> Self:
+        """Return the table; refuse points out of order, and lines too steep for a number."""
+        for (x0, y0), (x1, y1) in pairwise(zip(self.xs, self.ys, strict=True)):
+            if not x0 < x1:
+                raise ValueError(f"table: xs must increase, got {x1:g} after {x0:g}; sort the points")
+            if not math.isfinite((y1 - y0) / (x1 - x0)):
+                raise ValueError(f"table: the line from {x0:g} to {x1:g} is too steep for a number")
+        return self
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the quantity that is looked up."""
@@ -458,12 +467,7 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
     places, values = sequence(xs, "table: xs"), sequence(ys, "table: ys")
     if len(places) != len(values) or len(places) < 2:
         raise ValueError(f"table: {len(places)} xs and {len(values)} ys; give equally many, at least two")
-    for (x0, y0), (x1, y1) in pairwise(zip(places, values, strict=True)):
-        if not x0 < x1:
-            raise ValueError(f"table: xs must increase, got {x1:g} after {x0:g}; sort the points")
-        if not math.isfinite((y1 - y0) / (x1 - x0)):
-            raise ValueError(f"table: the line from {x0:g} to {x1:g} is too steep for a number")
-    return Table(own, places, values)
+    return Table(own, places, values).checked()
 
 
 def as_expression(value: Load | float, what: str = "a quantity") -> Expression:

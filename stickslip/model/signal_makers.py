@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from typing import Any
 
 from stickslip.model.checks import check_entries, check_takes, finite, sequence
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, as_signal
-
-_FASTEST = 1e100  # frequency in 1/s of which powers and products can still be computed
 
 
 def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
@@ -35,18 +32,7 @@ def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
         raise ValueError(
             f"piecewise_linear: {len(times)} times and {len(values)} values; give equally many, at least one"
         )
-    for (t0, v0), (t1, v1) in pairwise(zip(times, values, strict=True)):
-        if t1 < t0:
-            raise ValueError(f"piecewise_linear: times must not decrease, got {t1:g} after {t0:g}; sort the points")
-        if t1 > t0 and not math.isfinite((v1 - v0) / (t1 - t0)):
-            raise ValueError(
-                f"piecewise_linear: the line from {t0:g} s to {t1:g} s is too steep for a number; "
-                "give the same time twice to make it a jump"
-            )
-    for t0, t2 in zip(times, times[2:], strict=False):
-        if t0 == t2:
-            raise ValueError(f"piecewise_linear: time {t0:g} stands three times; twice makes a jump")
-    return PiecewiseLinear(times, values)
+    return PiecewiseLinear(times, values).checked()
 
 
 def triangle(start: float, peak: float, stop: float, *, slope: float) -> Signal:
@@ -114,9 +100,7 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
         finite(frequency, "sine: frequency"),
         finite(phase, "sine: phase"),
         finite(offset, "sine: offset"),
-    )
-    if abs(wave.frequency) > _FASTEST:
-        raise ValueError(f"sine: frequency must be at most {_FASTEST:g} in size, got {wave.frequency:g}")
+    ).checked()
     return wave if wave.amplitude and wave.frequency else Constant(wave(0.0))
 
 

@@ -12,7 +12,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6  # looking through so many periods for zeros takes half a minute
+_FASTEST = 1e100  # frequency in 1/s of which powers and products can still be computed
 _SURELY = 1e-12  # part of what adds up in a sum of sines by which it is above 0 for sure
 
 # What a load does where a number or an array of NumPy stands on the left.
@@ -46,6 +47,10 @@ class Load:
             raise TypeError(f"a {type(self).__name__} signal is not data; write the signal it was made from")
         fields = {name: list(x) if isinstance(x, tuple) else x for name, x in vars(self).items()}
         return {"type": self.kind} | fields
+
+    def checked(self) -> Self:
+        """Return the load; refuse numbers that do not go together, such as times out of order."""
+        return self
 
     def __pow__(self, exponent: Any) -> Any:
         raise TypeError(self._not_linear(f"x**{exponent!r}"))
@@ -240,6 +245,21 @@ class PiecewiseLinear(Signal):
     times: tuple[float, ...]
     values: tuple[float, ...]
 
+    def checked(self) -> Self:
+        """Return the lines; refuse times out of order or thrice the same, and lines too steep for a number."""
+        for (t0, v0), (t1, v1) in pairwise(zip(self.times, self.values, strict=True)):
+            if t1 < t0:
+                raise ValueError(f"piecewise_linear: times must not decrease, got {t1:g} after {t0:g}; sort the points")
+            if t1 > t0 and not math.isfinite((v1 - v0) / (t1 - t0)):
+                raise ValueError(
+                    f"piecewise_linear: the line from {t0:g} s to {t1:g} s is too steep for a number; "
+                    "give the same time twice to make it a jump"
+                )
+        for t0, t2 in zip(self.times, self.times[2:], strict=False):
+            if t0 == t2:
+                raise ValueError(f"piecewise_linear: time {t0:g} stands three times; twice makes a jump")
+        return self
+
     def at(self, t: float) -> float:
         """Return the value at `t`, after the jump where it jumps."""
         times, values = self.times, self.values
@@ -310,6 +330,12 @@ class Sine(Signal):
     frequency: float
     phase: float = 0.0
     offset: float = 0.0
+
+    def checked(self) -> Self:
+        """Return the sine; refuse a frequency of whose powers there are no numbers."""
+        if abs(self.frequency) > _FASTEST:
+            raise ValueError(f"sine: frequency must be at most {_FASTEST:g} in size, got {self.frequency:g}")
+        return self
 
     def _angle(self, t: float) -> float:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t

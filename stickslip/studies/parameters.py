@@ -39,6 +39,7 @@ class Parameter:
     value: float  # in the scene it was read from
     only_at_start: bool  # whether it says where the motion starts, not how it goes on
     along: tuple[str | int, ...] = ()  # steps to a number of the same element that takes the same value
+    scaled: Signal | Quantity | None = None  # the load of which it is a factor
 
     def set(self, scene: Scene, value: float) -> Scene:
         """Return the scene with the parameter at another value."""
@@ -47,7 +48,7 @@ class Parameter:
         both = [steps for steps in (self.along, self.steps) if steps]
         # a static coefficient rises before a Coulomb one, and falls after it
         for steps in both if value > self.value else both[::-1]:
-            element = _changed(element, steps, float(value))
+            element = _changed(element, steps, float(value), self.scaled)
         elements[self.place] = element
         return Scene(*elements, motion=scene.motion)
 
@@ -94,9 +95,8 @@ class Parameter:
         others = (entries[k] for k in (place - 1, place + 1) if 0 <= k < len(entries))
         return tuple(abs(other - self.value) for other in others)
 
-    def at(self, scene: Scene) -> Parameter:
-        """Return the parameter as it is in another scene of the same elements."""
-        value = _value(scene.elements[self.place], self.steps, self.name, "parameter")
+    def at(self, value: float) -> Parameter:
+        """Return the parameter as it is in a scene in which it has another value."""
         return replace(self, value=value)
 
 
@@ -159,7 +159,8 @@ def _named(scene: Scene, name: str, what: str) -> Parameter:
     kind = type(element).__name__
     start = kind in ("Body", "Drive", "Contact") and len(steps) == 1 and steps[0] in _AT_START
     only_at_start = start and not (kind == "Drive" and steps[0] == "velocity")
-    return Parameter(name, place, tuple(steps), value, only_at_start)
+    load = _loaded(element, steps)
+    return Parameter(name, place, tuple(steps), value, only_at_start, scaled=load)
 
 
 def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
@@ -201,6 +202,15 @@ def _names_in(thing: Any) -> list[str]:
     if isinstance(thing, Mapping):
         return list(thing)
     return [field.name for field in fields(thing)] if is_dataclass(thing) else []
+
+
+def _loaded(thing: Any, steps: Sequence[str | int]) -> Signal | Quantity | None:
+    """Return the load of which a parameter is a factor, None where it is a number of its own."""
+    for step in steps:
+        if step == _SCALE and isinstance(thing, (Signal, Quantity)):
+            return thing
+        thing = _inside(thing, step, "", "")
+    return None
 
 
 def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> float:
@@ -246,14 +256,15 @@ def _numbers(thing: Any, name: str) -> str:
     return f", such as {', '.join(inside[:8])}" if inside else ""
 
 
-def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
+def _changed(thing: Any, steps: tuple[str | int, ...], value: float, scaled: Signal | Quantity | None) -> Any:
     if not steps:
         return Constant(finite(value, "a load")) if isinstance(thing, Constant) else value
     step, rest = steps[0], steps[1:]
-    if step == _SCALE and isinstance(thing, (Signal, Quantity)):
-        return thing * value
+    if step == _SCALE and scaled is not None:
+        return scaled * value
     if isinstance(step, int):
-        return (*thing[:step], _changed(thing[step], rest, value), *thing[step + 1 :])
+        return (*thing[:step], _changed(thing[step], rest, value, scaled), *thing[step + 1 :])
     if isinstance(thing, Mapping):
-        return {**thing, step: _changed(thing[step], rest, value)}
-    return replace(thing, **{step: _changed(getattr(thing, step), rest, value)})
+        return {**thing, step: _changed(thing[step], rest, value, scaled)}
+    made = replace(thing, **{step: _changed(getattr(thing, step), rest, value, scaled)})
+    return made.checked() if isinstance(made, Load) else made

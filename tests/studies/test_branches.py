@@ -20,6 +20,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     Scene,
     Spring,
     Stop,
@@ -269,6 +270,101 @@ def test_a_period_doubles_at_a_flip() -> None:
     assert doubled.stable and len(doubled.sequence) == 2
 
 
+@pytest.mark.parametrize("values", [[-0.5, 3.0], [-0.5, 0.5, 1.5]])
+def test_a_pair_leaves_the_unit_circle_at_negative_damping(values: list[float]) -> None:
+    """``x'' - c x' + x = sin(2 pi t)`` has exp((c +- sqrt(c^2 - 4)) / 2): they leave at c = 0, and are real from 2 on."""
+    (point,) = continue_cycle(pushed(), PUSH, values, period=1.0, transient=0).points
+    assert point.kind == "torus" and abs(point.value) < 1e-6
+
+
+def test_a_pair_outside_the_unit_circle_that_becomes_real_passes_nothing() -> None:
+    """The same at c = 2: both multipliers are outside before and after."""
+    branch = continue_cycle(pushed(), PUSH, [1.5, 1.9, 2.5], period=1.0, transient=0)
+    assert branch.points == () and np.abs(branch.multipliers[2]) == pytest.approx([math.e**2, math.exp(0.5)], rel=1e-9)
+
+
+PUSH = "forces[1].signal.terms[0][1]"
+
+
+def pushed() -> Scene:
+    return Scene(
+        Body("m", inertia=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Force("m", sine(1.0, 1.0)),
+        Force("m", 0.5 * velocity("m")),
+    )
+
+
+@pytest.mark.slow
+def test_a_symmetry_breaks_where_half_a_turn_mirrored_has_the_eigenvalue_minus_1() -> None:
+    """Between two stops at 0.1, zeta = 0.02 and e = 0.8: at w = 3.741103955, by the impact map in closed form."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Spring("m", GROUND, stiffness=1.0, damping=0.04),
+        Stop("s", "m", GROUND, lower=-0.1, upper=0.1, restitution=0.8),
+        Force("m", sine(1.0, 2 / math.pi)),
+    )
+    at = np.array([4.0, 3.0]) / (2 * math.pi)
+    branch = continue_cycle(scene, "forces[0].signal.frequency", at, period=lambda f: 1 / f)
+    (point,) = branch.points
+    # near it the cycles without the symmetry are near by, too
+    assert point.kind == "crossing" and 2 * math.pi * point.value == pytest.approx(3.741103955, abs=1e-6)
+    assert branch.cycles[1] is not None and branch.cycles[1].multipliers[0] == pytest.approx(4.342293, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_points_beside_a_change_of_the_sequence_are_found() -> None:
+    """An oscillator of den Hartog that stops below w = 2.6 and one at a stop, of another period at 2.65334772785524.
+
+    A drive shakes both; they do not touch each other.
+    """
+    stiffness = (2.6 / (2 * math.pi * 0.0852681066)) ** 2
+    scene = Scene(
+        Drive("shaker", velocity=sine(1.0, 2.4 / (2 * math.pi))),
+        Body("a", inertia=1.0),
+        Spring("a", GROUND, stiffness=stiffness),
+        Contact("floor", "a", GROUND, DryFriction(0.4, 0.4), normal=1.0),
+        Force("a", velocity("shaker")),
+        Body("b", inertia=1.0, position=-0.1),
+        Spring("b", GROUND, stiffness=1.0),
+        Stop("wall", "b", GROUND, upper=0.0, restitution=0.8),
+        Force("b", velocity("shaker")),
+    )
+    at = np.array([2.4, 2.9]) / (2 * math.pi)
+    branch = continue_cycle(scene, "shaker.velocity.frequency", at, period=lambda f: 1 / f)
+    assert [point.kind for point in branch.points] == ["sequence", "flip"]
+    assert 2 * math.pi * np.array([point.value for point in branch.points]) == pytest.approx(
+        [2.6, 2.65334772785524], abs=1e-6
+    )
+
+
+@pytest.mark.slow
+def test_no_step_leads_from_stick_slip_to_a_family_of_cycles() -> None:
+    """The wheel sticks to the belt in each cycle, by the closed form above for the rim; others just miss its speed."""
+    v, ratio, radii = 0.1, 3.0, np.array([0.25, 0.2, 0.1])
+    scene = Scene(
+        Body("motor", inertia=0.01, velocity=ratio * v / 0.25),
+        Body("wheel", inertia=0.04, velocity=v / 0.25),
+        Drive("belt", velocity=v),
+        Gear("gear", "motor", "wheel", ratio=ratio),
+        Spring("motor", GROUND, stiffness=0.5),
+        Contact("rub", "wheel", "belt", DryFriction(STATIC, COULOMB), normal=1.0, radius_a=0.25),
+    )
+    mass, stiffness, fall = 0.13 / radii**2, 4.5 / radii**2, STATIC - COULOMB
+    slides = (2 * math.pi - 2 * np.arctan(fall / (v * np.sqrt(stiffness * mass)))) * np.sqrt(mass / stiffness)
+    branch = continue_cycle(scene, "rub.radius_a", radii)
+    assert np.allclose(branch.periods, 2 * fall / (stiffness * v) + slides, atol=1e-9) and branch.points == ()
+
+
+@pytest.mark.parametrize("name", ["c.normal", "c.normal.scale"])
+def test_a_scale_is_the_factor_of_the_load_that_the_scene_has(name: str) -> None:
+    """Not of the one that it had at the value before; of a normal force of 1 N it is that force."""
+    values = np.array([1.0, 1.2, 1.5])
+    fall, w = (STATIC - COULOMB) * values, math.sqrt(STIFFNESS)
+    exact = 2 * fall / (STIFFNESS * 0.1) + (2 * math.pi - 2 * np.arctan(fall / (0.1 * w))) / w
+    assert np.allclose(continue_cycle(belt(), name, values).periods, exact, atol=1e-10)
+
+
 @pytest.mark.parametrize("is_forced", [False, True])
 def test_the_next_cycle_is_foretold_to_second_order(is_forced: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """With derivatives at the cycle itself, whatever value the parameter had where its branch began."""
@@ -287,7 +383,7 @@ def test_the_next_cycle_is_foretold_to_second_order(is_forced: bool, monkeypatch
     for change in (2e-3, 1e-3):
         longer = 1 / (value + change) - 1 / value if is_forced else None
         missed.clear()
-        closed_from(cycle, one, change, value + change, longer)
+        closed_from(cycle, one, value, value + change, longer)
         first.append(missed[0].error)
     assert 0 < first[1] < 0.3 * first[0]
 

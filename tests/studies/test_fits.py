@@ -24,6 +24,7 @@ from stickslip import (
     fit,
     piecewise_linear,
     simulate,
+    step,
 )
 
 TIMES = np.linspace(0.05, 20.0, 400)
@@ -152,6 +153,16 @@ def test_the_errors_are_as_large_as_they_are_said_to_be() -> None:
     off = np.array([normalized(fit(pulled(), NAMES, measured(pulled(), seed))) for seed in range(9)])
     assert (np.abs(off) > 3).sum() <= 1
     assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_the_error_of_a_scale_is_that_of_the_factor(scale: float) -> None:
+    """v = 2 s t: linear regression for the factor s, sigma / |2 t|."""
+    t, sigma = np.linspace(0.1, 1.0, 10), 0.1
+    scene = Scene(Body("m", inertia=1.0), Force("m", step(0.0, 0.0, 2.0)))
+    found = fit(scene, ["forces[0].signal.scale"], {"m.velocity": (t, 2 * scale * t, sigma)})
+    assert found.values == pytest.approx([scale], rel=1e-9)
+    assert found.standard_errors == pytest.approx([sigma / np.linalg.norm(2 * t)], rel=1e-7)
 
 
 @pytest.mark.parametrize("start", [0.0, 0.3])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from itertools import permutations
 from typing import Any
@@ -21,8 +22,12 @@ from stickslip import (
     continue_cycle,
     fit,
     output,
+    piecewise_linear,
     position,
     sensitivities,
+    sine,
+    table,
+    velocity,
 )
 from stickslip.studies.parameters import named_parameters, with_values
 from stickslip.studies.scene_sweep import SceneRuns
@@ -77,3 +82,19 @@ def test_a_number_that_counts_is_no_parameter(study: Callable[[Scene, str], Any]
     )
     with pytest.raises(ValueError, match="is a whole number; name one that can change a little"):
         study(controlled, name)
+
+
+@pytest.mark.parametrize(
+    ("load", "name", "value", "said"),
+    [
+        (piecewise_linear([0, 1, 2, 4], [0, 1, 1, 0]), "times[1]", 2.5, "times must not decrease, got 2 after 2.5"),
+        (piecewise_linear([0, 1, 1, 4], [0, 1, 2, 0]), "times[3]", 1.0, "time 1 stands three times"),
+        (table(velocity("m"), [0, 1, 2], [1, 2, 0]), "terms[0][0].xs[1]", 2.5, "xs must increase, got 2 after 2.5"),
+        (sine(1.0, 2.0), "frequency", 1e101, "frequency must be at most 1e+100"),
+    ],
+)
+def test_numbers_of_a_load_that_do_not_go_together_are_refused(load: Any, name: str, value: float, said: str) -> None:
+    scene = Scene(Body("m", inertia=1.0), Force("m", load))
+    (one,) = named_parameters(scene, [f"forces[0].signal.{name}"], "test")
+    with pytest.raises(ValueError, match=re.escape(said)):
+        one.set(scene, value)

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from inspect import signature
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import scipy
 
 from stickslip.model.arrays import Array
 from stickslip.model.checks import check_takes, finite, numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
-from stickslip.simulation.result import SimulationError
 from stickslip.studies.cycles.branches import Branch, BranchPoint
 from stickslip.studies.cycles.cycle import Cycle, centred, from_zero
 from stickslip.studies.cycles.newton import closed_from, cycle_within
-from stickslip.studies.cycles.phases import alike, in_words, vanishing
+from stickslip.studies.cycles.phases import alike, vanishing
+from stickslip.studies.cycles.points import Reached, points_between
 from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
 from stickslip.studies.cycles.search import limit_cycle
 from stickslip.studies.cycles.shooting import CycleError
@@ -113,7 +111,7 @@ def continue_cycle(
     _check_options(scene, options)
     follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
     if isinstance(scene, Cycle):
-        first = follower.cycle_at(_Reached(scene, one.value), float(wanted[0]))
+        first = follower.reached(Reached(scene, one.value), float(wanted[0])).cycle
     else:
         at = follower.period(float(wanted[0]))
         first = limit_cycle(one.set(scene, float(wanted[0])), period=at, **options)
@@ -129,15 +127,6 @@ def _check_options(scene: Scene | Cycle, options: dict[str, Any]) -> None:
     for name in options:
         if name not in known:
             raise TypeError(f"continue_cycle: there is no option {name!r}; known are {', '.join(known)}")
-
-
-class _Reached(NamedTuple):
-    """A cycle and its value; why the way to a further value ends there, and before which value."""
-
-    cycle: Cycle
-    value: float
-    why: str = ""
-    end: float = np.nan
 
 
 class Follower:
@@ -167,7 +156,7 @@ class Follower:
         """
         cycles, beyond = [first], None
         for before, value in zip(values[:-1].tolist(), values[1:].tolist(), strict=True):
-            last = _Reached(cycles[-1], before)
+            last = Reached(cycles[-1], before)
             near = self._toward(last, value, first_step)
             first_step = 1.0
             found: Cycle | Branch | None = near.cycle
@@ -176,19 +165,23 @@ class Follower:
             if not isinstance(found, Cycle):
                 beyond = found
                 break
-            self._between(last, _Reached(found, value))
+            self._note_between(last, Reached(found, value))
             cycles.append(found)
         every_cycle = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
         return Branch(self._parameter.name, values, tuple(every_cycle), tuple(self._points), beyond)
 
-    def cycle_at(self, start: _Reached, value: float) -> Cycle:
+    def _note_between(self, a: Reached, b: Reached) -> None:
+        """Note what changes from one cycle to another."""
+        self._points += points_between(a, b, self._accuracy * abs(b.value - a.value), self.reached)
+
+    def reached(self, start: Reached, value: float, carefully: bool = False) -> Reached:
         """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
-        found = self._toward(start, value)
+        found = self._toward(start, value, carefully=carefully)
         if found.why:
             raise CycleError(found.why)
-        return found.cycle
+        return found
 
-    def _toward(self, start: _Reached, value: float, first: float = 1.0) -> _Reached:
+    def _toward(self, start: Reached, value: float, first: float = 1.0, carefully: bool = False) -> Reached:
         """Return how far the way to a value leads, with a first step that is a part of it."""
         cycle, at = start.cycle, start.value
         # steps that roundoff leaves nothing of lead nowhere
@@ -200,8 +193,10 @@ class Follower:
         while at != value:
             aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
             try:
-                following = self._step(cycle, at, aim)
+                following = self._step(cycle, at, aim, carefully)
                 if not alike(following, cycle):
+                    if following.neutral and not cycle.neutral:
+                        raise CycleError("the search leads to a family of cycles (a multiplier is 1)")
                     if (beyond - aim) * (value - at) > 0:
                         raise CycleError("the search leads to the other branch of a fold")
                     self._check_way_back(following, aim, cycle, at)
@@ -209,11 +204,11 @@ class Follower:
                 step *= 0.5
                 failed = True
                 if abs(step) < shortest:
-                    return _Reached(cycle, at, str(error), aim)
+                    return Reached(cycle, at, str(error), aim)
                 continue
             cycle, at = following, aim
             step, failed = step if failed else 2 * step, False
-        return _Reached(cycle, at)
+        return Reached(cycle, at)
 
     def _check_way_back(self, following: Cycle, aim: float, cycle: Cycle, at: float) -> None:
         """Refuse a cycle of another sequence of modes that does not lead back: it belongs to another branch."""
@@ -221,16 +216,16 @@ class Follower:
         if abs(back.period - cycle.period) > _SAME * cycle.period or not alike(back, cycle):
             raise CycleError("the search leads to another branch of cycles")
 
-    def _step(self, cycle: Cycle, before: float, value: float) -> Cycle:
+    def _step(self, cycle: Cycle, before: float, value: float, carefully: bool = False) -> Cycle:
         if value == before:
             return cycle
         given = self.period(value)
         longer = None if given is None else given - cycle.period
-        return centred(closed_from(cycle, self._parameter, value - before, value, longer))
+        return centred(closed_from(cycle, self._parameter, before, value, longer, carefully))
 
     # -- where it does not go on -------------------------------------------------------------------------------
 
-    def _past(self, near: _Reached, last: _Reached, value: float, every: Array) -> Cycle | Branch | None:
+    def _past(self, near: Reached, last: Reached, value: float, every: Array) -> Cycle | Branch | None:
         """Return the cycle at a value to which no small steps lead, or what comes beyond the end before it.
 
         That is the branch beyond a fold, or that of cycles without the phase that vanishes at the end; None for none.
@@ -242,13 +237,13 @@ class Follower:
         if turned is None:
             return self._past_end(near, last, value, every)
         fold, place = turned
-        self._between(last, near)
+        self._note_between(last, near)
         said = "a multiplier is 1: two cycles meet, and the branch turns back"
         self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
         apart = abs(place.value - fold.value)
-        return self._beyond(_Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
+        return self._beyond(Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
 
-    def _past_end(self, near: _Reached, last: _Reached, value: float, every: Array) -> Cycle | Branch | None:
+    def _past_end(self, near: Reached, last: Reached, value: float, every: Array) -> Cycle | Branch | None:
         """Return what `_past` does where no smooth fold is found: look for its end, and for what goes on there."""
         spacing = value - last.value
         # that one step was too long does not tell where the branch ends
@@ -265,7 +260,7 @@ class Follower:
                 return further.cycle
             if phases and other is not None and _differ(a, other.cycle) < _MEETS:
                 inner = other
-        self._between(last, passed[-1])
+        self._note_between(last, passed[-1])
         goes_on = inner is not None and not inner.cycle.neutral
         if goes_on:
             why = "cycles without it begin there, and the branch turns back"
@@ -286,7 +281,7 @@ class Follower:
         apart = max(abs(inner.value - at), abs(inner.value - end))
         return self._beyond(inner, apart, last.value, spacing > 0, every)
 
-    def _beyond(self, first: _Reached, apart: float, before: float, rose: bool, every: Array) -> Branch | None:
+    def _beyond(self, first: Reached, apart: float, before: float, rose: bool, every: Array) -> Branch | None:
         """Return the branch that goes back over the values from a cycle beyond a fold, so far apart from it.
 
         Near the fold both branches are so near to each other that long steps would lead back to the other one.
@@ -300,7 +295,7 @@ class Follower:
         found = follower.along(centred(first.cycle), np.array([first.value, *back]), every, part)
         return replace(found, values=found.values[1:], cycles=found.cycles[1:])
 
-    def _last(self, near: _Reached, smallest: float) -> tuple[list[_Reached], _Reached | None]:
+    def _last(self, near: Reached, smallest: float) -> tuple[list[Reached], Reached | None]:
         """Return by bisection the last cycles before the end of a branch, and one of another sequence beyond it."""
         passed, other = [near], None
         way = near.end - near.value
@@ -322,13 +317,13 @@ class Follower:
                     way = near.end - near.value
                     refused = set()
                     break
-                other = _Reached(one, value)
+                other = Reached(one, value)
             else:
                 way *= 0.5
                 near = passed[-1] = near._replace(end=near.value + way)
         return passed, other
 
-    def _within(self, passed: list[_Reached]) -> _Reached | None:
+    def _within(self, passed: list[Reached]) -> Reached | None:
         """Return a cycle without the phase that vanishes at the end of a branch, and its value; None for none.
 
         Where a phase vanishes because a relative velocity only just comes to 0, cycles may go on from there that do
@@ -341,10 +336,10 @@ class Follower:
             except ERRORS:
                 continue
             if one is not None and _differ(own, one) < _MEETS:
-                return _Reached(one, at)
+                return Reached(one, at)
         return None
 
-    def _round(self, near: _Reached, value: float, spacing: float) -> tuple[Place, Place] | Cycle | None:
+    def _round(self, near: Reached, value: float, spacing: float) -> tuple[Place, Place] | Cycle | None:
         """Follow the arc from a cycle on: to a fold and just beyond it, or to the value; None where it ends."""
         arc = Arc(self._parameter, self._period if callable(self._period) else None, spacing)
         try:
@@ -362,54 +357,13 @@ class Follower:
                 if following.pace * place.pace <= 0:
                     return arc.fold(place, length), following
                 if (following.value - value) * place.pace >= 0:
-                    return self.cycle_at(_Reached(following.cycle, following.value), value)
+                    return self.reached(Reached(following.cycle, following.value), value).cycle
                 if vanishing(following.cycle):
                     return None
                 place, length = following, min(1.5 * length, 1.0)
         except ERRORS:
             return None
         return None
-
-    # -- what changes between two values -----------------------------------------------------------------------
-
-    def _between(self, a: _Reached, b: _Reached) -> None:
-        """Note where multipliers pass the unit circle, or the sequence of modes changes, from one cycle to another."""
-        if not alike(a.cycle, b.cycle):
-            self._other_sequence(a, b)
-            return
-        accuracy = self._accuracy * abs(b.value - a.value)
-        for kind, (test, said) in _PASSES.items():
-            if test(a.cycle) * test(b.cycle) >= 0:
-                continue
-
-            def at(x: float, test: Callable[[Cycle], float] = test) -> float:
-                return test(self.cycle_at(a if abs(x - a.value) <= abs(x - b.value) else b, x))
-
-            try:
-                found = float(scipy.optimize.brentq(at, a.value, b.value, xtol=accuracy))
-            except (CycleError, SimulationError):
-                found = 0.5 * (a.value + b.value)
-            self._points.append(BranchPoint(found, kind, said))
-
-    def _other_sequence(self, a: _Reached, b: _Reached) -> None:
-        """Find by bisection where the sequence of modes changes."""
-        smallest = self._accuracy * abs(b.value - a.value)
-        while abs(b.value - a.value) > smallest:
-            middle = 0.5 * (a.value + b.value)
-            if middle in (a.value, b.value):
-                break
-            for near in (a, b):
-                with suppress(CycleError, SimulationError):
-                    one = _Reached(self.cycle_at(near, middle), middle)
-                    break
-            else:
-                break
-            # all along `a` is of the first sequence
-            a, b = (one, b) if alike(one.cycle, a.cycle) else (a, one)
-        said = in_words(a.cycle, b.cycle)
-        if abs(b.value - a.value) > smallest:
-            said += f"; somewhere between {a.value:.9g} and {b.value:.9g}"
-        self._points.append(BranchPoint(0.5 * (a.value + b.value), "sequence", said))
 
 
 def _speed(cycle: Cycle) -> float:
@@ -422,24 +376,3 @@ def _differ(one: Cycle, other: Cycle) -> float:
     """Return by what part two cycles differ in their period and in the range of their fastest velocity."""
     pairs = [(_speed(one), _speed(other)), (one.period, other.period)]
     return max(abs(a - b) / max(a, b) for a, b in pairs)
-
-
-def _crossing(cycle: Cycle) -> float:
-    return float(np.prod(1.0 - cycle.multipliers).real)
-
-
-def _flip(cycle: Cycle) -> float:
-    return float(np.prod(1.0 + cycle.multipliers).real)
-
-
-def _torus(cycle: Cycle) -> float:
-    pairs = np.abs(cycle.multipliers[np.abs(cycle.multipliers.imag) > 1e-9])
-    return float(np.prod(1.0 - pairs[::2])) if pairs.size else 1.0
-
-
-# How multipliers pass the unit circle: by what changes its sign then, and in words.
-_PASSES: dict[str, tuple[Callable[[Cycle], float], str]] = {
-    "crossing": (_crossing, "a multiplier passes 1: a symmetry breaks, or another branch crosses"),
-    "flip": (_flip, "a multiplier passes -1: the period doubles"),
-    "torus": (_torus, "a pair of multipliers passes the unit circle"),
-}

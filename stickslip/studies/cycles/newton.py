@@ -29,6 +29,7 @@ _SURE = 1e-4  # part of the tolerance below which no further step is taken
 
 # A cycle that lies further from its prediction than these parts of its size and of the change is another one.
 _NEAR_BY, _FAR = 0.05, 0.5
+_CAREFUL = 1e-3, 0.1  # the same where no step may lead to another branch, as near as that is
 
 # Parts by which a cycle is made smaller to find one just within it.
 _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -108,16 +109,17 @@ def cycle_within(cycle: Cycle) -> Cycle | None:
     return None
 
 
-def closed_from(cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None) -> Cycle:
-    """Return the cycle near another one whose parameter has changed.
+def closed_from(
+    cycle: Cycle, parameter: Parameter, before: float, value: float, longer: float | None, carefully: bool = False
+) -> Cycle:
+    """Return the cycle near another one whose parameter has changed, where it is, carefully, nearly the predicted one.
 
-    The parameter has changed by `change` to `value`, and the given period of the loads by `longer` in s, None if it has
-    not.
+    The parameter has changed from `before` to `value`, and the given period of the loads by `longer` in s, None if it
+    has not.
     """
-    shot = cycle.shot
-    # the derivative at this cycle, not at the first one of a branch
+    shot, change = cycle.shot, value - before
     given = 0.0 if longer is None else longer / change
-    along, slower, begin = shot.along(parameter.at(shot.scene), given)
+    along, slower, begin = shot.along(parameter.at(before), given)
     scene = parameter.set(shot.scene, value)
     period = slower * change if longer is None else longer
     if shot.forced:
@@ -126,7 +128,8 @@ def closed_from(cycle: Cycle, parameter: Parameter, change: float, value: float,
     # where whole steps lead nowhere the parameter has changed too much
     found = closed(predicted, trials=2)
     off = _apart(found.shot, predicted)
-    if off > max(_NEAR_BY, _FAR * _apart(predicted, shot)):
+    near_by, far = _CAREFUL if carefully else (_NEAR_BY, _FAR)
+    if off > max(near_by, far * _apart(predicted, shot)):
         raise CycleError("the search leads to a cycle far from the one before")
     return found
 

@@ -104,7 +104,7 @@ class Arc:
 
     def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array]:
         """Return the derivatives by start, period and parameter, what is missed, and the tangent; all in scales."""
-        by_parameter, _ = shot.by_parameter(self._parameter.at(shot.scene))
+        by_parameter, _ = shot.by_parameter(self._parameter.at(value))
         if self._period is not None:
             h = 1e-4 * self._scale
             longer = (self._period(value + h) - self._period(value - h)) / (2 * h)
@@ -123,7 +123,7 @@ class Arc:
             longer = self._period(value + by) - shot.period
         else:
             longer = 0.0 if shot.forced else float(change[count]) * shot.period
-        own = self._parameter.at(shot.scene)
+        own = self._parameter.at(value)
         _, begin = shot.by_parameter(own)
         try:
             scene = own.set(shot.scene, value + by)

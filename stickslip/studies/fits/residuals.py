@@ -95,7 +95,8 @@ class RecordRun:
         """Return the derivatives of the weighted residuals, 0 where none exist, and why these do not."""
         result, some = self._result(x, part), self._within(part)
         scene = result.scene
-        directions = [along_parameter(scene, one.at(scene), result.trajectory, "fit") for one in self._at(x)]
+        own = zip(self._at(x), x[self._own].tolist(), strict=True)
+        directions = [along_parameter(scene, one.at(value), result.trajectory, "fit") for one, value in own]
         found = from_variation(Variation(result, directions))
         slopes = np.zeros((sum(one.t.size for one, _ in some), x.size))
         if some:
