@@ -272,7 +272,7 @@ def test_a_period_doubles_at_a_flip() -> None:
 
 @pytest.mark.parametrize("values", [[-0.5, 3.0], [-0.5, 0.5, 1.5]])
 def test_a_pair_leaves_the_unit_circle_at_negative_damping(values: list[float]) -> None:
-    """``x'' - c x' + x = sin(2 pi t)`` has exp((c +- sqrt(c^2 - 4)) / 2): they leave at c = 0, and are real from 2 on."""
+    """``x'' - c x' + x = sin(2 pi t)`` has exp((c +- sqrt(c^2 - 4)) / 2): leave at c = 0 and are real from 2 on."""
     (point,) = continue_cycle(pushed(), PUSH, values, period=1.0, transient=0).points
     assert point.kind == "torus" and abs(point.value) < 1e-6
 
