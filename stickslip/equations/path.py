@@ -45,6 +45,11 @@ class Path:
     def _at_start(coefficients: Array) -> Array:
         return np.asarray(coefficients[:, 0::2].sum(axis=1) - coefficients[:, 1::2].sum(axis=1))
 
+    @staticmethod
+    def of_start(y: Array) -> Path:
+        """Return the path of a motion that has not been followed yet: its first state."""
+        return Path(np.zeros(1), np.empty((0, 1, y.size)), y, False, True)
+
     def state(self, tau: float) -> Array:
         """Return the state at one local time."""
         found: Array = self.at(np.array([tau]))[0]

@@ -226,7 +226,7 @@ class _Simulation:
         except (ArithmeticError, ValueError) as fault:
             raise self._error(self._whose(fault) + str(fault), LOOK_AT_SCENE) from fault
         except KeyboardInterrupt as interrupted:
-            t = self._keep(interrupted.path) if isinstance(interrupted, Interrupted) else timeline.t
+            t = self._keep(interrupted.path if isinstance(interrupted, Interrupted) else self._just_begun)
             message = f"interrupted at t = {t:.9g} s"
             raise SimulationInterrupted(message, self._result(message, -1)) from None
         finally:
@@ -252,6 +252,12 @@ class _Simulation:
         if dependence is None or dependence.is_linear:
             return ""
         return "; feedback functions must be smooth: write corners with saturate or table, friction as a Contact"
+
+    @property
+    def _just_begun(self) -> Path | None:
+        """The motion that has been settled and not been followed yet: the state after what happened at its start."""
+        now = self._run.now
+        return None if now is None or now.motion.t != self._run.timeline.t else Path.of_start(now.motion.y)
 
     def _keep(self, path: Path | None) -> float:
         """Keep the path of a motion that has come to no end; return the time of its last point."""

@@ -209,6 +209,57 @@ def test_interruption_keeps_what_was_computed(formulation: str, method: str) -> 
         assert handler == "default_int_handler"
 
 
+# A ball on a spring that yields hits a stop; Ctrl-C at one call of the spring after another.
+INTERRUPTED_AT_STOPS = """
+import signal, sys
+from stickslip import GROUND, Body, Force, Scene, SimulationInterrupted, Stop, feedback, position, simulate
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+calls, at = 0, None
+
+def yields(x):
+    global calls
+    calls += 1
+    if calls == at:
+        signal.raise_signal(signal.SIGINT)
+    return -4.0 * x + x**3
+
+formulation, method = sys.argv[1:]
+options = {"formulation": formulation, "method": method}
+ball = Scene(
+    Body("ball", inertia=1.0, velocity=1.5),
+    Force("ball", feedback(yields, position("ball"))),
+    Stop("wall", "ball", GROUND, lower=-0.5, upper=0.5, restitution=0.8),
+)
+simulate(ball, (0.0, 3.0), **options)
+count = calls
+for calls_before in range(3, count - 3, 3):
+    calls, at = 0, calls_before
+    try:
+        simulate(ball, (0.0, 3.0), **options)
+    except SimulationInterrupted as interrupted:
+        result, at = interrupted.result, None
+        if result.t[-1] == 3.0:
+            continue
+        then = simulate(result.final_scene(), (result.t[-1], 3.0), **options)
+        print(abs(result.position("ball")).max(), len(result.events) + len(then.events), then.velocity("ball")[-1])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("formulation", "method"), [("contact-force", "BDF"), ("merged", "Adams"), ("multiplier", "BDF")]
+)
+def test_an_interrupted_run_ends_at_an_event_at_the_latest(formulation: str, method: str) -> None:
+    """What the solver has computed beyond the next impact is no part of the motion; from the end it goes on."""
+    command = [sys.executable, "-c", INTERRUPTED_AT_STOPS, formulation, method]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    farthest, impacts, speeds = np.array([line.split() for line in run.stdout.splitlines()], dtype=float).T
+    assert farthest.size > 50 and farthest.max() <= 0.5 + 1e-12
+    assert np.all(impacts == 3)
+    assert np.ptp(speeds) < 1e-6
+
+
 @pytest.mark.parametrize(
     ("formulation", "method"),
     [("contact-force", "BDF"), ("merged", "BDF"), ("multiplier", "BDF"), ("contact-force", "RK4")],

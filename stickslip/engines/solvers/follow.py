@@ -95,9 +95,9 @@ class Lookout:
             # where the root is follows from the path: the solver need not look for it
             return 0.0
         self._work.guard_calls += 1
-        value = -1.0 if self._interruption.pressed else sound(self._guards.smallest(tau, y), tau)
+        value = sound(self._guards.smallest(tau, y), tau)
         self.found = value <= 0 < tau
-        ends = not self.found and (self._has_left(tau, y) or self._creeps(tau))
+        ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._creeps(tau))
         if self.found or ends:
             self.end = tau, unknowns.copy()
         return -1.0 if ends else value
@@ -139,9 +139,23 @@ def follow(
 ) -> Path:
     """Advance to the first event, also where it lies between computed points, or as far as the solver may go.
 
-    ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
+    ``solve(horizon, progress)`` advances to the first point at which a guard is negative. What is handed over where that
+    fails or is interrupted ends at the first event, too.
     """
-    path = _protected(motion, min(horizon, look_ahead.longest), solve, interruption, look_ahead)
+    try:
+        path = _protected(motion, min(horizon, look_ahead.longest), solve, interruption, look_ahead)
+    except SolverFailure as failure:
+        with contextlib.suppress(ArithmeticError, ValueError):
+            failure.path = _to_first_event(motion, guards, failure.path, look_ahead)
+        raise
+    path = _to_first_event(motion, guards, path, look_ahead)
+    if interruption.pressed:
+        raise Interrupted(path)
+    return path
+
+
+def _to_first_event(motion: Motion, guards: Guards, path: Path, look_ahead: LookAhead) -> Path:
+    """Return a path up to the first event on it, whether the solver has seen that or not."""
     if not guards.size or path.taus.size < 2:
         return path
     along = GuardsAlong(motion, guards, path)
@@ -161,7 +175,7 @@ def _protected(
     interruption: Interruption,
     look_ahead: LookAhead,
 ) -> Path:
-    """Advance; where that fails or is interrupted, hand over what was computed before.
+    """Advance; where that fails, hand over what was computed before.
 
     Solvers try states that the motion may not come to, far beyond rest, say. So what fails is asked again with the
     shorter steps of a new start, from a point shortly before.
@@ -171,8 +185,7 @@ def _protected(
         path = solve(horizon, progress)
     except (ArithmeticError, ValueError) as fault:
         # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
-        size = motion.y.size
-        path = Path(np.zeros(1), np.empty((0, 1, size)), motion.y, False, True)
+        path = Path.of_start(motion.y)
         reached = progress.last
         for short in [part * reached for part in _SHORT if reached > 0]:
             with contextlib.suppress(Exception):
@@ -183,7 +196,5 @@ def _protected(
             return path
         remedy = fault.remedy if isinstance(fault, OutOfReach) else LOOK_AT_SCENE
         raise SolverFailure(str(fault), remedy, path) from fault
-    if interruption.pressed:
-        raise Interrupted(path)
     look_ahead.failed = 0
     return path
