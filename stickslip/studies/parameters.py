@@ -95,15 +95,22 @@ class Parameter:
         others = (entries[k] for k in (place - 1, place + 1) if 0 <= k < len(entries))
         return tuple(abs(other - self.value) for other in others)
 
+    def scales(self, other: Parameter) -> bool:
+        """Tell whether it is a factor of a load that the other one is a number of."""
+        load = self.steps[:-1]
+        is_inside = other.place == self.place and other.steps[: len(load)] == load and other != self
+        return self.scaled is not None and is_inside
+
     def at(self, value: float) -> Parameter:
         """Return the parameter as it is in a scene in which it has another value."""
         return replace(self, value=value)
 
 
-def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Parameter]:
+def named_parameters(scene: Scene, names: Iterable[str], what: str, *, together: bool = False) -> list[Parameter]:
     """Return the parameters of a scene that have these names.
 
-    `what` begins the message where a name leads to no number.
+    `what` begins the message where a name leads to no number, or to one that another one multiplies where they are to
+    take other values `together`.
     """
     given = checked_names(list(names) if isinstance(names, Mapping) else names, f"{what}: parameters")
     if not given:
@@ -115,6 +122,9 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Para
             other = found[places.index(places[k])].name
             said = "stands twice" if other == one.name else f"is {other!r} by another name"
             raise ValueError(f"{what}: parameter {one.name!r} {said}; leave one out")
+        inner = next((other for other in found if one.scales(other)), None)
+        if together and inner is not None:
+            raise ValueError(f"{what}: parameter {one.name!r} multiplies {inner.name!r}, too; leave one out")
     return found
 
 

@@ -34,7 +34,9 @@ class SceneRuns:
 
     def at(self, point: Mapping[str, float]) -> Scene:
         """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like."""
-        return with_values(self.scene, named_parameters(self.scene, list(point), "sweep"), list(point.values()))
+        return with_values(
+            self.scene, named_parameters(self.scene, list(point), "sweep", together=True), list(point.values())
+        )
 
     def __call__(self, **point: float) -> dict[str, float]:
         """Simulate one point; return events, last velocities, and of each contact its stuck part and its heat."""

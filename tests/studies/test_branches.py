@@ -296,6 +296,25 @@ def pushed() -> Scene:
 
 
 @pytest.mark.slow
+def test_unstable_cycles_shrink_to_the_sliding_that_loses_its_stability() -> None:
+    """Where ``N mu'(v) = -c``: no fold, and what sticks at 0.2 is another branch."""
+    static, coulomb, slow, normal, damping = 0.4, 0.25, 0.1, 20.0, 0.5
+    hopf = brentq(
+        lambda v: damping - normal * (static - coulomb) * 2 * v / slow**2 * math.exp(-((v / slow) ** 2)), 0.1, 0.5
+    )
+    scene = Scene(
+        Body("m", inertia=2.0, position=0.05218517643413383),
+        Drive("belt", velocity=0.4),
+        Spring("m", GROUND, stiffness=200.0, damping=damping),
+        Contact("c", "m", "belt", DryFriction(static, coulomb, stribeck_velocity=slow), normal=normal),
+    )
+    branch = continue_cycle(limit_cycle(scene, guess=0.6286375467, transient=0), "belt.velocity", [0.4, 0.2])
+    (end,) = branch.points
+    assert end.kind == "end" and "Hopf" in end.message and end.value == pytest.approx(hopf, abs=2e-7)
+    assert branch.cycles[-1] is None and branch.beyond is None
+
+
+@pytest.mark.slow
 def test_a_symmetry_breaks_where_half_a_turn_mirrored_has_the_eigenvalue_minus_1() -> None:
     """Between two stops at 0.1, zeta = 0.02 and e = 0.8: at w = 3.741103955, by the impact map in closed form."""
     scene = Scene(

@@ -426,6 +426,13 @@ def test_small_loads_have_a_period_too() -> None:
     assert np.abs(limit_cycle(scene, period=10.0).multipliers) == pytest.approx([math.exp(-1.0)] * 2, abs=1e-12)
 
 
+def test_a_short_pulse_that_comes_once_is_no_load_of_a_period() -> None:
+    once = sine(1.0, 1.0) + piecewise_linear([0.501, 0.5015, 0.502], [0.0, 300.0, 0.0])
+    scene = Scene(Body("m", inertia=1.0), Spring("m", GROUND, stiffness=1.0, damping=0.3), Force("m", once))
+    with pytest.raises(ValueError, match="the loads do not repeat with the period 1 s"):
+        limit_cycle(scene, period=1.0)
+
+
 def test_bad_arguments_are_refused() -> None:
     scene, period = den_hartog()
     with pytest.raises(ValueError, match="give their period"):

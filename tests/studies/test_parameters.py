@@ -98,3 +98,16 @@ def test_numbers_of_a_load_that_do_not_go_together_are_refused(load: Any, name: 
     (one,) = named_parameters(scene, [f"forces[0].signal.{name}"], "test")
     with pytest.raises(ValueError, match=re.escape(said)):
         one.set(scene, value)
+
+
+@pytest.mark.parametrize("names", [["scale", "offset"], ["offset", "scale"]])
+def test_a_load_and_a_number_of_it_do_not_change_together(names: list[str]) -> None:
+    """Offset 3 and scale 2 could be 3 or 6 N."""
+    scene = Scene(Body("m", inertia=1.0), Force("m", sine(1.0, 0.5, offset=1.0)))
+    given = [f"forces[0].signal.{name}" for name in names]
+    with pytest.raises(ValueError, match=re.escape("'forces[0].signal.scale' multiplies 'forces[0].signal.offset'")):
+        fit(scene, given, {"m.velocity": ([0.5, 1.0], [1.0, 2.0], 0.1)})
+    with pytest.raises(ValueError, match="multiplies"):
+        SceneRuns(scene, (0.0, 1.0), {}).at(dict.fromkeys(given, 2.0))
+    # one after the other has derivatives
+    assert sensitivities(scene, (0.0, 1.0), given).velocity("m").shape == (2,)

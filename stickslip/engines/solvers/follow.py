@@ -139,8 +139,8 @@ def follow(
 ) -> Path:
     """Advance to the first event, also where it lies between computed points, or as far as the solver may go.
 
-    ``solve(horizon, progress)`` advances to the first point at which a guard is negative. What is handed over where that
-    fails or is interrupted ends at the first event, too.
+    ``solve(horizon, progress)`` advances to the first point at which a guard is negative. What is handed over where
+    that fails or is interrupted ends at the first event, too.
     """
     try:
         path = _protected(motion, min(horizon, look_ahead.longest), solve, interruption, look_ahead)

@@ -36,6 +36,7 @@ _MEETS, _LOOKS = 0.02, 14
 _NEAR_FOLD = 0.1
 
 _SHRUNK = 0.05  # part of its speeds to which a cycle shrinks that is about to become a state of rest
+_SHRINKS = "the cycles shrink to a state of rest (a Hopf bifurcation)"
 
 # Part of what is left up to the end of a branch that is tried where half of it does not lead on.
 _SHORT_STEP = 1 / 8
@@ -89,7 +90,8 @@ def continue_cycle(
     (one,) = named_parameters(own, [parameter], "continue_cycle")
     if one.only_at_start:
         raise ValueError(
-            f"continue_cycle: {parameter!r} says where a motion starts; a cycle does not depend on it: name another one"
+            f"continue_cycle: {parameter!r} says where a motion starts, and a cycle may start anywhere on it: name "
+            "another one, as the rest length of a spring or a limit of a stop for the place of a drive"
         )
     wanted = numbers(values, "continue_cycle: values")
     if not np.isfinite(wanted).all():
@@ -238,6 +240,10 @@ class Follower:
             return self._past_end(near, last, value, every)
         fold, place = turned
         self._note_between(last, near)
+        if _has_shrunk(fold.cycle, near.cycle):
+            # beyond it the same cycles come again, half a period later
+            self._points.append(BranchPoint(fold.value, "end", _SHRINKS, from_zero(near.cycle)))
+            return None
         said = "a multiplier is 1: two cycles meet, and the branch turns back"
         self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
         apart = abs(place.value - fold.value)
@@ -254,7 +260,8 @@ class Follower:
             phases, why = [], "the period grows without bound"
         if other is None and phases and not a.forced:
             inner = self._within(passed)
-        if inner is None:
+        shrunk = _has_shrunk(a, last.cycle)
+        if inner is None and not shrunk:
             further = self._toward(other or passed[-1], value)
             if not further.why:
                 return further.cycle
@@ -266,8 +273,8 @@ class Follower:
             why = "cycles without it begin there, and the branch turns back"
         elif inner is not None:
             why = "the branch ends in a family of cycles without it (a multiplier is 1)"
-        elif _speed(a) < _SHRUNK * _speed(last.cycle):
-            why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
+        elif shrunk:
+            why = _SHRINKS
         elif phases:
             why += (
                 ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
@@ -370,6 +377,11 @@ def _speed(cycle: Cycle) -> float:
     """Return the range of the fastest velocity of a cycle."""
     found = cycle.result.fit_for_plot(2000)
     return max(float(np.ptp(found.velocity(body.name))) for body in cycle.scene.bodies)
+
+
+def _has_shrunk(cycle: Cycle, before: Cycle) -> bool:
+    """Tell whether a cycle is about to become a state of rest, by its speeds beside those of one before."""
+    return _speed(cycle) < _SHRUNK * _speed(before)
 
 
 def _differ(one: Cycle, other: Cycle) -> float:

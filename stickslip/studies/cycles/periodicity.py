@@ -21,11 +21,17 @@ from stickslip.studies.derivatives.directions import Direction
 # Part of positions by which combinations of them that do not move have to close: it is measured in 1e-10 of that.
 _STILL = 1e-6
 
+_APART = 1e-9  # breaks that are nearer to each other, as parts of a period, may be one but for roundoff
+
 
 def check_loads(system: System, period: float) -> None:
     """Refuse loads that do not repeat with the period."""
     loads = system.loads(0.0, 2 * period)
-    places = (np.arange(97) + 0.37) / 97 * period
+    # between any two breaks, too, wherever they are in the period
+    edges = np.unique([0.0, period, *np.fmod(loads.breaks, period)])
+    lengths = np.diff(edges)
+    inner = (edges[:-1] + 0.37 * lengths)[lengths > _APART * period]
+    places = np.sort(np.append((np.arange(97) + 0.37) / 97 * period, inner))
     now, later = (np.array([loads.after(t).at(t) for t in (places + start).tolist()]) for start in (0.0, period))
     size = np.maximum(np.abs(now), np.abs(later)).max(axis=0, initial=0.0)
     for k, i in np.argwhere(np.abs(now - later) > 1e-9 * size)[:1].tolist():

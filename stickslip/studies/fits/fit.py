@@ -139,7 +139,9 @@ def _shared(scenes: list[Scene], parameters: Any, labels: list[str]) -> tuple[li
         }
         if names and not own:
             raise ValueError(f"fit: no parameter belongs to {label}; leave the record out")
-        found.append(dict(zip(own, named_parameters(scene, list(own.values()), _place(label)), strict=True)))
+        found.append(
+            dict(zip(own, named_parameters(scene, list(own.values()), _place(label), together=True), strict=True))
+        )
     return names, found
 
 
