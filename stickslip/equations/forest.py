@@ -66,6 +66,8 @@ class Forest:
     near_from, near, stiffness, damping : arrays
         The same for couplings: force on i from positions and velocities, its own among them. Gaps have entries, too,
         which are 0 here.
+    coupled : array (n,) of bool
+        Which bodies springs, dampers or forces that follow the motion act on.
     gap_entries : arrays
         Which of these entries gaps have: the entry, the gap, and the factor of its force there.
     stiffest, most_damped : arrays
@@ -179,6 +181,8 @@ class Forest:
         self.near = k.astype(np.intp)
         self.near_from = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
         self.stiffness, self.damping = (_entries(x, i, k) for x in (position, velocity))
+        row = np.repeat(np.arange(n), np.diff(self.near_from))
+        self.coupled = np.bincount(row, (self.stiffness != 0) | (self.damping != 0), n) > 0
         # what gaps add where they act: entry, gap, and the factor of what their force is for a stretch
         lever = self.lever[self.gaps]
         entries, factor = place[both.nnz :], -lever[gap, one] * lever[gap, other]

@@ -504,6 +504,23 @@ def test_wagons_that_touch_at_rest_start_one_by_one() -> None:
     assert local.mode("g0")[-1] == Mode.FORWARD
 
 
+@pytest.mark.parametrize("stiffness", [1e7, 1e9])
+def test_stiff_gaps_cost_nothing_while_they_are_open(stiffness: float) -> None:
+    """Each of 20 balls passes its velocity on to the next one, 10 mm away: a touch lasts ``T = pi sqrt(m / (2 k))``.
+
+    Meanwhile the next ball moves ``v T / 2``.
+    """
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0, velocity=float(i == 0)) for i in range(20)),
+        *(Gap(f"g{i}", f"b{i}", f"b{i + 1}", upper=0.01, stiffness=stiffness) for i in range(19)),
+    )
+    result = part_by_part(scene, 4.0)
+    assert len(result.events) == 38 and result.stats["steps"] < 150
+    assert result.velocity("b19")[-1] == pytest.approx(1.0, abs=1e-11)
+    touch = math.pi * math.sqrt(0.5 / stiffness)
+    assert result.events[-1].t == pytest.approx(19 * 0.01 + 10 * touch, abs=1e-12)
+
+
 def test_what_keeps_a_scene_with_gaps_from_being_followed_part_by_part() -> None:
     law = DryFriction(0.2, 0.1)
     body, drive = Body("b", inertia=1.0), Drive("d", velocity=1.0)

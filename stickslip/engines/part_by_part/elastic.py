@@ -19,6 +19,8 @@ class Elastic:
     region : array (p,) of int
     stiffness, damping : arrays
         Couplings as in the forest, those of gaps among them.
+    coupled : array (n,) of bool
+        Which bodies springs, dampers, acting gaps or forces that follow the motion act on.
     constant : array (n,)
         What gaps push the bodies with beside that.
     neighbours : list of lists of int
@@ -28,7 +30,7 @@ class Elastic:
     def __init__(self, forest: Forest, functions: PiecewiseMatrices, regions: Regions) -> None:
         self._forest, self._functions = forest, functions
         self.stiffness, self.damping, self.neighbours = forest.stiffness, forest.damping, forest.neighbours
-        self.constant, self.count = np.zeros(forest.n), forest.gaps.size
+        self.constant, self.count, self.coupled = np.zeros(forest.n), forest.gaps.size, forest.coupled
         self.region = regions.copy()
         # of a row that is a gap: its number
         self.number = np.full(forest.m, -1)
@@ -36,7 +38,7 @@ class Elastic:
         if not self.count:
             return
         self.stiffness, self.damping = self.stiffness.copy(), self.damping.copy()
-        self.neighbours = [own.copy() for own in self.neighbours]
+        self.neighbours, self.coupled = [own.copy() for own in self.neighbours], self.coupled.copy()
         # what each gap does now
         self._now = self.values(np.arange(self.count)).tolist()
         # the entries of each gap; what adds up in each entry, and in the constant force on each body
@@ -77,6 +79,7 @@ class Elastic:
             self.constant[i] = -sum(c * now[g][2] for g, c in self._at[i])
             taut = [g for g, _ in self._at[i] if any(now[g][:2])]
             self.neighbours[i] = forest.neighbours[i] + [k for g in taut for k, _ in self._ends[g] if k != i]
+            self.coupled[i] = forest.coupled[i] or bool(taut)
         return bodies
 
     def labels(self, gaps: Indices) -> Modes:

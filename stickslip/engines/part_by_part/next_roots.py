@@ -253,7 +253,7 @@ class NextRoots:
         if parts.started[j]:
             g = np.append(g[1:], 0.0)
         sticks = abs(mode) == 1 and bool(self._system.holds_more[0 if mode > 0 else 1, j])
-        self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, self.roundoff_scale(j, t), sticks)
+        self._enter(j, g * self._units(span, g.size), t, span, 0, self.roundoff_scale(j, t), sticks)
 
     def _refine_held(self, j: int, t: float, due: float) -> None:
         """Find the first root of a held row; a level that rises is followed for as long as its series holds."""
@@ -268,9 +268,9 @@ class NextRoots:
             until = min(until, t + _WORTH * dwell)
         span = until - t
         c = self.moved(np.array([j]), t)[0]
-        c *= (span / parts.unit) ** np.arange(c.size)
+        c *= self._units(span, c.size)
         normal = parts.prescribed.normals(np.array([j]), t)[0]
-        normal *= (span / parts.unit) ** np.arange(normal.size)
+        normal *= self._units(span, normal.size)
         for side, sign in ((0, 1), (1, -1)):
             bound = int(self.bounds[side, j])
             if not bound:
@@ -289,8 +289,12 @@ class NextRoots:
             span = self._until(j) - until
             row = np.array([j])
             g = self._held(row, self.moved(row, until), until)[0]
-            g *= powers(np.full(1, span / parts.unit), c.size)
+            g *= self._units(span, c.size)
             self.when[j] = until + span * float(earliest(g).min())
+
+    def _units(self, span: float, count: int) -> Array:
+        """Return the powers of a time in units of the series."""
+        return np.asarray(powers(np.full(1, span / self._parts.unit), count)[0])
 
     def _until(self, j: int) -> float:
         return self._parts.end if self.is_bounded[j] else self._parts.stop
@@ -300,7 +304,7 @@ class NextRoots:
         span = self._until(j) - t
         g, sizes, borders, _ = self._borders(np.array([j]))
         g = self._divided(g, borders)
-        g *= (span / self._parts.unit) ** np.arange(g.shape[1])
+        g *= self._units(span, g.shape[1])
         for place, size in enumerate(sizes.tolist()):
             if g[place, 0] <= np.abs(g[place, 1:]).sum():
                 # a border that is left is measured from where it is at the start

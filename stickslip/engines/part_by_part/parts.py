@@ -100,6 +100,8 @@ class Parts:
         self._inverse = 1.0 / self._ascending
         self._factorial = np.cumprod(np.append(1.0, self._ascending))
         self.elastic = Elastic(forest, system.piecewise, equations.regions)
+        # whether none moves alone, whatever gaps do
+        self._all_bend = bool((forest.coupled | prescribed.feels_sines).all())
         self._given = prescribed.force.copy()
         self._given[:, 0] += self.elastic.constant
         # bodies at gaps to drives
@@ -131,16 +133,27 @@ class Parts:
 
     @property
     def is_bent(self) -> Mask:
-        """Which bodies follow no polynomial: neither the ground leads them nor a drive without sines."""
+        """Which bodies follow no polynomial: what couplings or sines act on, or drives with sines lead."""
         lead, prescribed = self.groups.lead, self.prescribed
-        return np.asarray(prescribed.bends_with[lead] if prescribed.drives_have_sines else lead == UNLED)
+        free = lead == UNLED
+        bent = np.asarray(prescribed.bends_with[lead] if prescribed.drives_have_sines else free)
+        if self._all_bend:
+            return bent
+        bent = bent & (~free | self.elastic.coupled | prescribed.feels_sines)
+        if self.forest.row_of is None:
+            # what moves with others is bent as they are
+            bent[self.groups.sharing(bent)] = True
+        return np.asarray(bent)
 
     def bends(self, bodies: Indices) -> bool:
         """Tell whether the series of some bodies hold for a while only."""
         if not self.has_series:
             return False
-        prescribed = self.prescribed
-        return bool(prescribed.bends_with[self.groups.lead[bodies]].any() or prescribed.feels_sines[bodies].any())
+        prescribed, lead = self.prescribed, self.groups.lead[bodies]
+        bent = prescribed.bends_with[lead]
+        if not self._all_bend:
+            bent = bent & ((lead != UNLED) | self.elastic.coupled[bodies])
+        return bool(bent.any() or prescribed.feels_sines[bodies].any())
 
     def enter_friction(self, bodies: Indices) -> None:
         """Enter the friction of moving rows among the forces on some bodies."""

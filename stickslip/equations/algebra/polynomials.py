@@ -9,12 +9,22 @@ import numpy as np
 
 from stickslip.model.arrays import Array, Indices
 
+_FAR, _BEYOND = 1e12, 1e290  # numbers from which on powers are looked at, and powers that count as 0
+
 
 def powers(s: Array, count: int) -> Array:
-    """Return the powers 0 to ``count - 1`` of each number, a line each."""
+    """Return the powers 0 to ``count - 1`` of each number, a line each.
+
+    Those that are next to no numbers are 0: a polynomial that is asked so far off has no such terms.
+    """
     found = np.empty((s.size, count))
     found[:, 0] = 1.0
     found[:, 1:] = s[:, None]
+    if s.size and s.max() > _FAR:
+        with np.errstate(over="ignore"):
+            np.multiply.accumulate(found, axis=1, out=found)
+        found[found > _BEYOND] = 0.0
+        return found
     return np.multiply.accumulate(found, axis=1, out=found)
 
 
