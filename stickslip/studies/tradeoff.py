@@ -107,6 +107,11 @@ class Tradeoff:
         if error is not None and finite(error, "recommend: error") < self.limit:
             raise ValueError(f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}")
         rows = tuple(row for row in self.work.rows if may_creep or row.name not in self.creeping)
+        if not rows and self.skipped:
+            raise ValueError(
+                f"recommend: {len(self.skipped)} calls were left out, and no other one was measured"
+                f"{'' if may_creep else ' whose contacts do not creep'}; give tradeoff a larger budget"
+            )
         row = best_row(WorkPrecision(rows, self.work.error_label), error, time, "recommend", "call")
         return Advice(row.call or row.name, row.error, row.median, row.error <= self.limit)
 

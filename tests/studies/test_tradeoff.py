@@ -1,4 +1,5 @@
 import ast
+import dataclasses
 import importlib
 import math
 import re
@@ -241,6 +242,11 @@ def test_a_small_budget_leaves_out_the_costly_and_says_so(monkeypatch):
     assert not measured & {skipped.call for skipped in found.skipped}
     reasons = [skipped.reason for skipped in found.skipped]
     assert any(reason.startswith("took") for reason in reasons)
+    none_sticks = dataclasses.replace(found, creeping=frozenset(measured))
+    with pytest.raises(
+        ValueError, match=r"calls were left out, and no other one .* do not creep; give .* larger budget"
+    ):
+        none_sticks.recommend(error=0.1, may_creep=False)
 
 
 def test_warnings_of_calls_are_not_passed_on(monkeypatch):

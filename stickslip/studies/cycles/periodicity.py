@@ -38,7 +38,8 @@ def check_loads(system: System, period: float) -> None:
         raise ValueError(
             f"limit_cycle: the loads do not repeat with the period {period:g} s: one is {now[k, i]:.9g} at "
             f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all "
-            "loads (to continue_cycle as a function of the value, where it changes with that)"
+            "loads (to continue_cycle as a function of the value, where it changes with that), and to functions of the "
+            "state a load that repeats, such as a sine, in place of TIME"
         )
     _check_blocks(system, places.tolist(), period)
 
