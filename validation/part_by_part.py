@@ -85,7 +85,7 @@ def difference(scene: Scene, stop: float = STOP, knots: bool = False, events: Se
 
 def difference_of(local: Result, whole: Result) -> float:
     """Return the largest difference of two results, in parts of what roundoff may leave; other events are wrong."""
-    stop, scale = whole.t[-1], np.abs(whole.y).max()
+    stop, scale = float(whole.trajectory.stops[-1]), np.abs(whole.y).max()
     for what in ("fewest_states", "guards"):
         require(local.stats[what] == whole.stats[what], f"the stats tell of other {what}")
     heat = whole.energy().heat
@@ -287,7 +287,7 @@ def watched(scene: Scene, seed: int) -> list[When]:
         return [
             velocity(a) - level,
             position(b) - level,
-            velocity(a) - velocity(b) - level,
+            velocity(a) - (velocity(b) if a != b else 0.0) - level,
             relative_velocity(str(rng.choice(rows))) if rows else velocity(b),
             feedback(lambda v, x: v * x - 0.01, velocity(a), position(b)),
             velocity(a) - sine(0.3, 2.0),
@@ -362,7 +362,7 @@ class Family:
 JAMMED = (50, 103, 137, 304, 384)  # drives press stops and a clutch together: no motion is possible
 
 # A stop or a clutch comes to a velocity of 0 as nearly as roundoff tells: that it touches, or not, is right.
-HARDLY_TOUCHES = (16, 87)
+HARDLY_TOUCHES = (16, 87, 132)
 
 # Each of many impacts that accumulate passes on the roundoff of the one before, larger: later ones are other ones.
 BOUNCES = (212, 253)
