@@ -22,8 +22,9 @@ from stickslip.studies.cycles.periodicity import check_loads
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
-# Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends.
-_MOST_STEPS, _MOST_TRIALS, _PATIENCE = 25, 6, 4
+# Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends, and next to
+# a cycle that is known, where a shorter way can be taken, after so many.
+_MOST_STEPS, _MOST_TRIALS, _PATIENCE, _NEXT_TO_ONE = 25, 6, 4, 2
 
 _SURE = 1e-4  # part of the tolerance below which no further step is taken
 
@@ -35,10 +36,10 @@ _CAREFUL = 1e-3, 0.1  # the same where no step may lead to another branch, as ne
 _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
-def closed(shot: Shot, trials: int = _MOST_TRIALS, below: float = math.inf) -> Cycle:
+def closed(shot: Shot, trials: int = _MOST_TRIALS, below: float = math.inf, patience: int = _PATIENCE) -> Cycle:
     """Return the cycle to which Newton's method leads from a shot, by motions with fewer events than `below`.
 
-    So many lengths are tried of each step.
+    So many lengths are tried of each step, and so many steps that gain little are taken.
     """
     tolerance = shot.tolerance
     best = shot
@@ -48,7 +49,7 @@ def closed(shot: Shot, trials: int = _MOST_TRIALS, below: float = math.inf) -> C
             break
         best = shot if shot.error < best.error else best
         errors.append(best.error)
-        stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
+        stalls = len(errors) > patience and errors[-1] > 0.3 * errors[-1 - patience]
         if shot.error <= _SURE * shot.tolerance or stalls:
             break
         change, longer = shot.solve(-shot.missed)
@@ -126,7 +127,7 @@ def closed_from(
         check_loads(compiled(scene), shot.period + period)
     predicted = shot.moved(along * change, period, scene, shot.start + begin * change)
     # where whole steps lead nowhere the parameter has changed too much
-    found = closed(predicted, trials=2)
+    found = closed(predicted, trials=2, patience=_NEXT_TO_ONE)
     off = _apart(found.shot, predicted)
     near_by, far = _CAREFUL if carefully else (_NEAR_BY, _FAR)
     if off > max(near_by, far * _apart(predicted, shot)):
