@@ -215,12 +215,11 @@ import signal, sys
 from stickslip import GROUND, Body, Force, Scene, SimulationInterrupted, Stop, feedback, position, simulate
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
-calls, at = 0, None
+places, at = [], None
 
 def yields(x):
-    global calls
-    calls += 1
-    if calls == at:
+    places.append(x)
+    if len(places) == at:
         signal.raise_signal(signal.SIGINT)
     return -4.0 * x + x**3
 
@@ -231,17 +230,18 @@ ball = Scene(
     Force("ball", feedback(yields, position("ball"))),
     Stop("wall", "ball", GROUND, lower=-0.5, upper=0.5, restitution=0.8),
 )
-simulate(ball, (0.0, 3.0), **options)
-count = calls
-for calls_before in range(3, count - 3, 3):
-    calls, at = 0, calls_before
+simulate(ball, (0.0, 1.5), **options)
+# as the solver is about to pass the wall, and now and then
+near = {call + k for call, x in enumerate(places) if abs(x) > 0.5 for k in range(-3, 2)}
+for call in sorted(near | {*range(3, len(places) - 3, len(places) // 10)}):
+    places, at = [], call
     try:
-        simulate(ball, (0.0, 3.0), **options)
+        simulate(ball, (0.0, 1.5), **options)
     except SimulationInterrupted as interrupted:
         result, at = interrupted.result, None
-        if result.t[-1] == 3.0:
+        if result.t[-1] == 1.5:
             continue
-        then = simulate(result.final_scene(), (result.t[-1], 3.0), **options)
+        then = simulate(result.final_scene(), (result.t[-1], 1.5), **options)
         print(abs(result.position("ball")).max(), len(result.events) + len(then.events), then.velocity("ball")[-1])
 """
 
@@ -255,8 +255,8 @@ def test_an_interrupted_run_ends_at_an_event_at_the_latest(formulation: str, met
     command = [sys.executable, "-c", INTERRUPTED_AT_STOPS, formulation, method]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     farthest, impacts, speeds = np.array([line.split() for line in run.stdout.splitlines()], dtype=float).T
-    assert farthest.size > 50 and farthest.max() <= 0.5 + 1e-12
-    assert np.all(impacts == 3)
+    assert farthest.size >= 20 and farthest.max() <= 0.5 + 1e-12
+    assert np.all(impacts == 2)
     assert np.ptp(speeds) < 1e-6
 
 
