@@ -63,9 +63,9 @@ class Forest:
         The same for gaps and stops, and for rows in no tree that join at most two bodies and may move.
     row_of : array (n,) of int or None
         The only row in a tree at each body, -1 where it has none, if every one joins one body to the ground or a drive.
-    near_from, near, stiffness, damping : arrays
-        The same for couplings: force on i from positions and velocities, its own among them. Gaps have entries, too,
-        which are 0 here.
+    near_from, near, near_row, stiffness, damping : arrays
+        The same for couplings: force on i, the `near_row` of each entry, from positions and velocities, its own among
+        them. Gaps have entries, too, which are 0 here.
     coupled : array (n,) of bool
         Which bodies springs, dampers or forces that follow the motion act on.
     gap_entries : arrays
@@ -178,11 +178,10 @@ class Forest:
         own_i, own_k = ends[gap, one], ends[gap, other]
         keys, place = np.unique(np.concatenate([both.row * n + both.col, own_i * n + own_k]), return_inverse=True)
         i, k = keys // n, keys % n
-        self.near = k.astype(np.intp)
+        self.near_row, self.near = i.astype(np.intp), k.astype(np.intp)
         self.near_from = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
         self.stiffness, self.damping = (_entries(x, i, k) for x in (position, velocity))
-        row = np.repeat(np.arange(n), np.diff(self.near_from))
-        self.coupled = np.bincount(row, (self.stiffness != 0) | (self.damping != 0), n) > 0
+        self.coupled = np.bincount(self.near_row, (self.stiffness != 0) | (self.damping != 0), n) > 0
         # what gaps add where they act: entry, gap, and the factor of what their force is for a stretch
         lever = self.lever[self.gaps]
         entries, factor = place[both.nnz :], -lever[gap, one] * lever[gap, other]
@@ -212,7 +211,7 @@ class Forest:
         if not self.is_coupled:
             return
         self.order = _ORDER
-        row = np.repeat(np.arange(self.n), np.diff(self.near_from))
+        row = self.near_row
         own = row == self.near
         norms = []
         for bounds in (self.stiffest, self.most_damped):

@@ -196,8 +196,7 @@ class Local:
         parts, forest = self._parts, self._forest
         parts.ended = t
         live = parts.is_bent
-        row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
-        live[row[live[forest.near]]] = True
+        live[forest.near_row[live[forest.near]]] = True
         live[forest.child[self._next_roots.is_bounded]] = True
         bodies = parts.groups.sharing(live)
         parts.end = parts.stop

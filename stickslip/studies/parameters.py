@@ -59,7 +59,7 @@ class Parameter:
             return self
         static = (*self.steps[:-1], last.replace("coulomb", "static"))
         try:
-            limit = _value(scene.elements[self.place], static, self.name, "")
+            limit, _ = _value(scene.elements[self.place], static, self.name, "")
         except ValueError:  # it has no static one of its own
             return self
         return replace(self, along=static) if value > limit else self
@@ -165,12 +165,11 @@ def _named(scene: Scene, name: str, what: str) -> Parameter:
         steps.append(match[1] if match[1] is not None else int(match[2]))
         at = match.end()
     element = scene.elements[place]
-    value = _value(element, tuple(steps), name, what)
+    value, scaled = _value(element, tuple(steps), name, what)
     kind = type(element).__name__
     start = kind in ("Body", "Drive", "Contact") and len(steps) == 1 and steps[0] in _AT_START
     only_at_start = start and not (kind == "Drive" and steps[0] == "velocity")
-    load = _loaded(element, steps)
-    return Parameter(name, place, tuple(steps), value, only_at_start, scaled=load)
+    return Parameter(name, place, tuple(steps), value, only_at_start, scaled=scaled)
 
 
 def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
@@ -214,19 +213,11 @@ def _names_in(thing: Any) -> list[str]:
     return [field.name for field in fields(thing)] if is_dataclass(thing) else []
 
 
-def _loaded(thing: Any, steps: Sequence[str | int]) -> Signal | Quantity | None:
-    """Return the load of which a parameter is a factor, None where it is a number of its own."""
+def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> tuple[float, Signal | Quantity | None]:
+    """Return a number inside a thing, and the load of which it is a factor."""
     for step in steps:
         if step == _SCALE and isinstance(thing, (Signal, Quantity)):
-            return thing
-        thing = _inside(thing, step, "", "")
-    return None
-
-
-def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> float:
-    for step in steps:
-        if step == _SCALE and isinstance(thing, Load):
-            return 1.0
+            return 1.0, thing
         thing = _inside(thing, step, name, what)
     if isinstance(thing, Constant):
         thing = thing.value
@@ -241,7 +232,7 @@ def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> fl
         raise ValueError(f"{what}: parameter {name!r} is a whole number; name one that can change a little")
     if not isinstance(thing, float):
         raise ValueError(f"{what}: parameter {name!r} is {type(thing).__name__}, not a number{_numbers(thing, name)}")
-    return finite(thing, f"{what}: parameter {name!r}")
+    return finite(thing, f"{what}: parameter {name!r}"), None
 
 
 def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:

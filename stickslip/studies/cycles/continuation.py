@@ -260,7 +260,7 @@ class Follower:
             phases, why = [], "the period grows without bound"
         if other is None and phases and not a.forced:
             inner = self._within(passed)
-        shrunk = _has_shrunk(a, last.cycle)
+        shrunk = inner is None and _has_shrunk(a, last.cycle)
         if inner is None and not shrunk:
             further = self._toward(other or passed[-1], value)
             if not further.why:
