@@ -73,15 +73,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
 
 
 def main(arguments: Sequence[str] | None = None, rows: Sequence[Row] | None = None) -> int:
-    """Run the table; return 1 if a row fails, 2 where there is nothing to run.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Of the command line, by default those of the process.
-    rows : sequence of Row, optional
-        Another table.
-    """
+    """Run the table, or other `rows`; return 1 if a row fails, 2 where there is nothing to run."""
     options = _parser().parse_args(arguments)
     scenes = options.scenes or (QUICK_SCENES if options.quick else SCENES)
     if rows is None:

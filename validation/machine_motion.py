@@ -22,34 +22,19 @@ RANK = 1e-10  # singular values below this part of the largest are 0
 
 @dataclass(frozen=True)
 class Modes:
-    """What every row does: slipping contacts by sign, rows held, and the side and branch of gaps pressed.
+    """What every row does, by number."""
 
-    Parameters
-    ----------
-    slips : mapping
-        +1 or -1 of contacts by number.
-    held : tuple of int
-        Stuck contacts, locked clutches, closed stops.
-    presses : mapping
-        Of gaps by number: +1 or -1 for the limit, and what of the law acts: "twice", "both" or "none".
-    sides : mapping
-        Of closed stops by number: +1 or -1.
-    """
-
-    slips: Mapping[int, int]
-    held: tuple[int, ...]
-    presses: Mapping[int, tuple[int, str]]
-    sides: Mapping[int, int]
+    slips: Mapping[int, int]  # +1 or -1 of contacts
+    held: tuple[int, ...]  # stuck contacts, locked clutches, closed stops
+    presses: Mapping[int, tuple[int, str]]  # of gaps: +1 or -1 for the limit, and what acts: "twice", "both" or "none"
+    sides: Mapping[int, int]  # of closed stops: +1 or -1
 
 
 class Machine:
     """A scene as matrices. Velocities of all bodies are ``v = Z q + P u``: u of the drives, q what ties leave free.
 
-    Parameters
-    ----------
-    data : mapping
-        `bodies` (a drive has the inertia None and a load for its velocity), `rows` (`kind`, `name`, `on`: coefficients
-        by body, and the numbers of its law), `springs` (`on`, `k`, `c`, `rest`), `forces`, `t_end`.
+    Its data are `bodies` (a drive has the inertia None and a load for its velocity), `rows` (`kind`, `name`, `on`:
+    coefficients by body, and the numbers of its law), `springs` (`on`, `k`, `c`, `rest`), `forces`, `t_end`.
     """
 
     def __init__(self, data: Data) -> None:
@@ -165,16 +150,8 @@ class Machine:
 
         Newton's law for all one-sided rows that take part, by trying all sets of rows that carry an impulse: ``0 <= P``
         complementary to ``sep+ + e sep- >= 0``. Rows that part do not take part; a clutch or stop that this drives
-        against its limit does in a second impact.
-
-        Parameters
-        ----------
-        v, u : array
-            Velocities of all bodies before; of the drives after.
-        at : mapping
-            +1 or -1 of stops at a limit, by number.
-        hit : iterable of int
-            Those among them that are hit.
+        against its limit does in a second impact. `v` are all velocities before, `at` is +1 or -1 of stops at a
+        limit, by number, and `hit` are those among them that are hit.
         """
         size = max(1e-12, float(np.abs(v).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
         before = self.G @ v
@@ -233,16 +210,7 @@ class Guard:
 class Motion:
     """A piece of motion in given modes: ``y' = A y`` of positions, free velocities, and what the loads are made of.
 
-    Parameters
-    ----------
-    machine : Machine
-    start : float
-        Time in s.
-    x, q : array
-        State there.
-    modes : Modes
-    since : mapping
-        When stuck contacts became so.
+    It begins at the time `start` in s in the state `x`, `q`; `since` then are contacts stuck.
     """
 
     def __init__(

@@ -34,14 +34,6 @@ GRAZE, BOUNCE = 1e-6, 1e-5
 MOST_EVENTS, MOST_STALLS, MOST_ROWS = 2000, 20, 9
 
 
-@dataclass(frozen=True)
-class Piece:
-    """Motion up to a time."""
-
-    stop: float
-    motion: Motion
-
-
 @dataclass
 class Solution:
     """What was found: right up to the time `known`, which is the end unless `doubt` says why not."""
@@ -49,12 +41,12 @@ class Solution:
     system: Machine
     known: float
     events: list[Event] = field(default_factory=list)
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: list[Motion] = field(default_factory=list)
     doubt: str = ""
 
     def _piece(self, t: float) -> Motion:
-        starts = [piece.motion.start for piece in self.pieces]
-        return self.pieces[max(int(np.searchsorted(starts, t, side="right")) - 1, 0)].motion
+        starts = [motion.start for motion in self.pieces]
+        return self.pieces[max(int(np.searchsorted(starts, t, side="right")) - 1, 0)]
 
     def velocity(self, t: float) -> Array:
         """Return the velocities of all bodies."""
@@ -112,7 +104,7 @@ class _Run:
             tau, self.reached = self._first(motion, following - self.t)
             self._at_break = not self.reached
             end = following if self._at_break else self.t + tau
-            self.solution.pieces.append(Piece(end, motion))
+            self.solution.pieces.append(motion)
             y = motion.at(tau)
             self.x, self.q = y[: m.n].copy(), y[m.n : m.n + m.r].copy()
             self._speed = max(self._speed, float(np.abs(motion.V @ y).max(initial=0.0)))

@@ -22,13 +22,8 @@ def machine(
 ) -> Scene:
     """Return two to five bodies with contacts at radii, springs and loads, and what is asked for beside them.
 
-    Parameters
-    ----------
-    seed : int
-        The same one gives the same scene.
-    ties, clutches, gaps, stops, opens : bool
-        Whether there are gears, planetaries and loops of them; one-way clutches alone and beside contacts; elastic
-        gaps; rigid stops; contacts that open and close.
+    That is: gears, planetaries and loops of them; one-way clutches alone and beside contacts; elastic gaps; rigid
+    stops; contacts that open and close.
     """
     draw = _Draw(seed)
     stop = draw.one([1.0, 2.0, 4.0])

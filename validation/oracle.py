@@ -35,7 +35,6 @@ class Piece:
     """Motion between two events or breaks of loads."""
 
     start: float
-    stop: float
     motion: Exponential | Integrated
     modes: tuple[int, ...]
     stuck: tuple[int, ...]
@@ -222,7 +221,7 @@ class _Run:
             # beyond the event the motion would have grown: what counts as 0 is a part of what it was before
             speed = self._speed
         end = stop if tau >= length else self.t + tau
-        self.solution.pieces.append(Piece(self.t, end, motion, tuple(modes), stuck, self._since, opened))
+        self.solution.pieces.append(Piece(self.t, motion, tuple(modes), stuck, self._since, opened))
         self._x, self._v = (part.copy() for part in motion.at(tau))
         self.t = end
 

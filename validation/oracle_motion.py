@@ -31,22 +31,10 @@ def exponential(matrix: Array) -> Array:
 
 
 class Exponential:
-    """x' = v, v' = c_0 + c_1 tau + A x + B v: y(tau) = exp(M tau) y_0 of y = (x, v, 1, tau).
+    """x' = v, v' = c_0 + c_1 tau + A x + B v: y(tau) = exp(M tau) y_0 of y = (x, v, 1, tau); loads are straight lines.
 
-    Parameters
-    ----------
-    system : System
-        Whose loads are straight lines.
-    start, length : float
-        Time in s at which the piece begins, and how long it may last.
-    state : tuple of array
-        Positions and velocities at its start.
-    modes : mapping
-        +1 or -1 of each slipping contact by number.
-    stuck : sequence of int
-        Contacts held.
-    opened : collection of int
-        Contacts that carry nothing, whatever the state says.
+    It begins at the time `start` and lasts `length` at most. `modes` are +1 or -1 of slipping contacts by number;
+    those that are `opened` carry nothing, whatever the state says.
     """
 
     def __init__(

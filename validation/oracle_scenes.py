@@ -69,12 +69,7 @@ class _Draw:
 def wheels(seed: int, loops: bool = False, dampers: bool = False, opened: bool = False) -> Scene:
     """Return one to five wheels in a chain, star or tree, with brakes, and perhaps a drive.
 
-    Parameters
-    ----------
-    seed : int
-        The same one gives the same scene.
-    loops, dampers, opened : bool
-        Whether contacts close loops, dampers lie beside contacts, and normal forces become negative for a while.
+    Contacts may close loops, dampers may lie beside contacts, and normal forces may become negative for a while.
     """
     draw = _Draw(seed)
     stop = draw.one([1.0, 2.0, 4.0])
@@ -291,15 +286,7 @@ def _spring(draw: _Draw, count: int) -> list[Scene]:
 
 
 def closing(seed: int, loops: bool = False) -> Scene:
-    """Return bodies whose contacts all open and close together, where nearly all forces are 0; some loads are sines.
-
-    Parameters
-    ----------
-    seed : int
-        The same one gives the same scene.
-    loops : bool
-        Whether contacts close loops.
-    """
+    """Return bodies whose contacts all open and close together, where nearly all forces are 0; some loads are sines."""
     draw = _Draw(seed)
     count, stop = draw.whole(1, 4), 4.0
     bodies = [{"name": f"b{i}", "inertia": draw.number(0.3, 3, 2), "velocity": 0.0} for i in range(count)]

@@ -23,38 +23,18 @@ SOON = 1e-6  # part of the span after which an acceleration that starts at 0 is 
 
 @dataclass(frozen=True)
 class Instant:
-    """All contacts at one instant.
+    """All contacts at one instant."""
 
-    Parameters
-    ----------
-    start, later : float
-        Time in s, and how much later the loads are looked at where they are 0 and grow.
-    x, v : array
-        Positions and velocities of all bodies.
-    moving : dict
-        +1 or -1 of each contact with w other than 0, by number.
-    resting : list of int
-        Contacts with w = 0.
-    since : dict
-        t_start of each contact with w = 0.
-    reached : set of int
-        Contacts that end the piece of motion before: their w or their level was reached.
-    opened : set of int
-        Contacts that are open by what their normal force depends on.
-    a : array
-        Accelerations with which the loads are looked at later; forces that are 0 now add nothing to them.
-    """
-
-    start: float
-    later: float
-    x: Array
-    v: Array
-    moving: dict[int, int]
-    resting: list[int]
-    since: dict[int, float]
-    reached: set[int]
-    opened: frozenset[int]
-    a: Array
+    start: float  # time in s
+    later: float  # how much later in s the loads are looked at where they are 0 and grow
+    x: Array  # positions of all bodies
+    v: Array  # velocities
+    moving: dict[int, int]  # +1 or -1 of each contact with w other than 0, by number
+    resting: list[int]  # contacts with w = 0
+    since: dict[int, float]  # t_start of each of them
+    reached: set[int]  # contacts that end the piece of motion before: their w or their level was reached
+    opened: frozenset[int]  # contacts that are open by what their normal force depends on
+    a: Array  # accelerations with which the loads are looked at later; forces that are 0 now add nothing to them
 
     def balance(self, system: System, slipping: dict[int, int], stuck: Sequence[int], soon: float) -> Balance:
         """Return forces and accelerations so much later than `start`, the state with them."""

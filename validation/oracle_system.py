@@ -49,13 +49,10 @@ class Balance(NamedTuple):
 class System:
     """A scene as matrices: G has a row per contact, +1 at body a and -1 at body b; the ground has no column.
 
-    Parameters
-    ----------
-    data : mapping
-        `bodies`, `contacts`, `springs`, `forces` and `t_end`, as in `tests/reference`. Beyond these, contacts may have
-        `mu_s_back`, `mu_c_back`, `rested`, and `vs` and `delta` of the Stribeck curve, loads may be sines, and
-        `max_step` bounds the steps of an integration. `pressed_by` of a contact is a list of `[quantity, name, factor]`
-        that add to its normal force: `position` or `velocity` of a body, `stretch` or `relative_velocity` of a contact.
+    Its data are `bodies`, `contacts`, `springs`, `forces` and `t_end`, as in `tests/reference`. Beyond these, contacts
+    may have `mu_s_back`, `mu_c_back`, `rested`, and `vs` and `delta` of the Stribeck curve, loads may be sines, and
+    `max_step` bounds the steps of an integration. `pressed_by` of a contact is a list of `[quantity, name, factor]`
+    that add to its normal force: `position` or `velocity` of a body, `stretch` or `relative_velocity` of a contact.
     """
 
     def __init__(self, data: Data) -> None:
@@ -183,18 +180,8 @@ class System:
         Slipping contacts carry r = sign(w) mu_k N. All stuck ones together solve G_S M^-1 G_S^T lambda = G_S M^-1 F:
         eq. (1) for one contact of two bodies. Where they are redundant, lambda is the one of least norm.
 
-        Parameters
-        ----------
-        start, tau : float
-            Time in s at which the pieces of the loads begin, and time since.
-        x, v : array
-            Positions and velocities of all bodies.
-        modes : mapping
-            +1 or -1 of each slipping contact by number.
-        stuck : sequence of int
-            Contacts held.
-        opened : collection of int
-            Contacts that are open though what their normal force depends on may say something else.
+        The pieces of the loads begin at the time `start`, `tau` ago. `modes` are +1 or -1 of slipping contacts by
+        number; `opened` ones are open though what their normal force depends on may say something else.
         """
         loads = self.loads(start, tau)
         v = self.driven(v, loads)

@@ -43,43 +43,19 @@ Answer = float | tuple[float, str] | Tried
 
 @dataclass(frozen=True)
 class Row:
-    """A check: data, so that it can be listed, sent to another process, and printed.
+    """A check: data, so that it can be listed, sent to another process, and printed."""
 
-    Parameters
-    ----------
-    theme : str
-        Chapter of the table it stands in.
-    name : str
-        By which it can be run on its own.
-    what : str
-        What is compared, and relative to what.
-    source : str
-        Where the right answer comes from.
-    check : callable
-        Returns the measured error, or that and a remark, or what was tried one by one; raises `Wrong` where no
-        number would say it.
-    bound : float
-        Largest error that passes.
-    quick : bool
-        Whether it belongs to the quick run.
-    limit : float
-        Time in s after which it counts as hanging.
-    tries : str
-        What it tries one by one, in the plural, where it does: the report counts these.
-    same : bool
-        Whether all rows that try these try the same ones.
-    """
-
-    theme: str
-    name: str
-    what: str
-    source: str
+    theme: str  # chapter of the table it stands in
+    name: str  # by which it can be run on its own
+    what: str  # is compared, and relative to what
+    source: str  # where the right answer comes from
+    # the measured error, or that and a remark, or what was tried one by one; `Wrong` where no number would say it
     check: Callable[[], Answer]
-    bound: float
-    quick: bool = True
-    limit: float = 30.0
-    tries: str = ""
-    same: bool = False
+    bound: float  # largest error that passes
+    quick: bool = True  # whether it belongs to the quick run
+    limit: float = 30.0  # time in s after which it counts as hanging
+    tries: str = ""  # what it tries one by one, in the plural, where it does: the report counts these
+    same: bool = False  # whether all rows that try these try the same ones
 
 
 @dataclass(frozen=True)

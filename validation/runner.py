@@ -21,16 +21,9 @@ _GRACE = 1.0  # time in s that a process has to end by itself
 def run(
     rows: Sequence[Row], prepare: Callable[[], None] | None = None, jobs: int = 1
 ) -> Generator[Outcome, None, None]:
-    """Yield the outcome of each row, in their order.
+    """Yield the outcome of each row, in their order: so many `jobs` run side by side, each in a process of its own.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        What they check must be importable in another process.
-    prepare : callable, optional
-        Called first in each process that runs rows.
-    jobs : int, optional
-        How many of them run side by side, each in a process of its own.
+    What rows check must be importable there; `prepare` is called first in each.
     """
     idle: SimpleQueue[_Worker] = SimpleQueue()
     workers = [_Worker(prepare) for _ in range(jobs)]
