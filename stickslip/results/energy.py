@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-import scipy
 
+from stickslip.equations.algebra.matrices import Triplets
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.results.readable import Readable
@@ -262,18 +261,10 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
 
 
 class _Springs:
-    """Springs and dampers, and after them gaps, as arrays: a spring is a gap whose two limits are its rest.
+    """Springs and dampers, so many `couplings`, and after them gaps, which stand in `rows`, as arrays.
 
-    Attributes
-    ----------
-    ends : sparse (k, n + drives)
-        Their coefficients on bodies and drives.
-    couplings : int
-        How many are springs and dampers.
-    rows : array of int
-        The rows of the gaps.
-    damped : array of int
-        Those that have damping.
+    A spring is a gap whose two limits are its rest. `ends` are their coefficients on bodies and drives, and `damped`
+    those that have damping.
     """
 
     def __init__(self, system: System) -> None:
@@ -289,7 +280,11 @@ class _Springs:
             np.array([*rests, *(getattr(gap, name) for gap in gaps)])[:, None] for name in ("lower", "upper")
         )
         rows = [*links, *(system.rows[j] for j in self.rows.tolist())]
-        self.ends = _coefficients([row.coefficients for row in rows], system)
+        ends = Triplets()
+        for k, row in enumerate(rows):
+            for i, c in row.coefficients.items():
+                ends.add(k, i, c)
+        self.ends = system.matrix(ends, (len(rows), system.n + system.drives))
 
     def depth(self, y: Array) -> Array:
         """Return how far stretches are beyond upper limits, negative beyond lower ones, in m or rad."""
@@ -297,14 +292,6 @@ class _Springs:
         positions[self._system.placed] = y[self._system.n : self._system.first_bristle]
         stretch = self.ends @ positions
         return np.asarray(np.maximum(stretch - self._upper, 0.0) + np.minimum(stretch - self._lower, 0.0))
-
-
-def _coefficients(rows: Sequence[Mapping[int, float]], system: System) -> Any:
-    """Return coefficients on bodies and drives as a matrix."""
-    entries = [(k, i, c) for k, row in enumerate(rows) for i, c in row.items()]
-    values = np.array(entries, dtype=float).reshape(-1, 3)
-    places = (values[:, 0].astype(np.intp), values[:, 1].astype(np.intp))
-    return scipy.sparse.csr_array((values[:, 2], places), shape=(len(rows), system.n + system.drives))
 
 
 def _labels(springs: _Springs) -> list[str]:

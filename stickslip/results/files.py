@@ -7,7 +7,7 @@ import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import Any
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
@@ -95,20 +95,7 @@ def _arrays(result: Outcome) -> dict[str, Any]:
     return arrays
 
 
-class Kept(NamedTuple):
-    """What a file holds of a result: what that is made of, in order."""
-
-    scene: Scene
-    events: list[Event]
-    success: bool
-    status: int
-    message: str
-    stats: dict[str, Any]
-    trajectory: Trajectory
-    samples: Samples
-
-
-def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Kept | list[Kept]:
+def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Outcome | list[Outcome]:
     """Return what `save` wrote; of runs in a row a list.
 
     Where signals or laws of the scene are code that no file holds, it has to be given; of runs in a row that of each.
@@ -143,7 +130,7 @@ def _under(prefix: str, data: Mapping[str, Any]) -> dict[str, Any]:
     return {name.removeprefix(prefix): data[name] for name in data if name.startswith(prefix)}
 
 
-def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: Target) -> Kept:
+def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: Target) -> Outcome:
     """Return what the arrays of one run hold."""
     start, stop = about["span"]
     simulated = _scene_of(about, scene, path)
@@ -157,9 +144,9 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
         parts.insert(k, Patchwork.from_arrays(system, _under(f"patchwork.{k}.", data)))
     trajectory = Trajectory(system, Span(start, stop, about["stepped"]), Pieces(tuple(parts)))
     samples = Samples(trajectory, data["t"], data["piece_of"].astype(np.intp), data["taus"], data["y"])
-    events = [_event_from_dict(row) for row in about["events"]]
+    events = [Event(**row | {key: Mode[row[key]] for key in ("before", "after")}) for row in about["events"]]
     ended = about["success"], about["status"], about["message"], about["stats"]
-    return Kept(simulated, events, *ended, trajectory, samples)
+    return Outcome(simulated, events, *ended, trajectory, samples)
 
 
 def _pieces(data: Mapping[str, Any], count: int) -> tuple[Piece, ...]:
@@ -220,7 +207,3 @@ def _scene_of(about: Mapping[str, Any], scene: Any, path: Target) -> Scene:
     if about["scene"] is None:
         raise ValueError(f"load: the scene of {path} holds code that no file can; give load(path, scene=...)")
     return Scene.from_dict(about["scene"])
-
-
-def _event_from_dict(row: Mapping[str, Any]) -> Event:
-    return Event(row["t"], row["contact"], Mode[row["before"]], Mode[row["after"]], row["cause"])

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from os import PathLike
-from typing import Any, Protocol
+from typing import Any
 
+from stickslip.model.arrays import Array
 from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
+from stickslip.results.sampling import at_steps, fit_for_plot
+from stickslip.results.trajectory import Trajectory
 
 Target = str | PathLike[str]
 
@@ -39,29 +43,24 @@ class Event:
         return f"{self.t:.12g} s  {self.contact}: {self.before.name} -> {self.after.name} ({self.cause})"
 
 
-class Outcome(Protocol):
-    """One run, as explanations and files read it."""
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One run: how it ended, and its motion."""
 
-    @property
+    scene: Scene
+    events: list[Event]
+    success: bool
+    status: int
+    message: str
+    stats: dict[str, Any]
+    trajectory: Trajectory = field(repr=False)
+    _at: Samples | Array | None = field(repr=False)
+
+    @cached_property
     def samples(self) -> Samples:
-        """The motion at the run's times."""
-
-    @property
-    def events(self) -> list[Event]:
-        """Events in order of time."""
-
-    @property
-    def success(self) -> bool:
-        """Whether the run came to its end, or to a `When` that stops it."""
-
-    @property
-    def status(self) -> int:
-        """0 where the end was reached, 1 where a `When` stopped the run, -1 where it failed."""
-
-    @property
-    def message(self) -> str:
-        """How it ended, in words."""
-
-    @property
-    def stats(self) -> Mapping[str, Any]:
-        """Counts of the work done."""
+        """The motion at the times `t`."""
+        if isinstance(self._at, Samples):
+            return self._at
+        if self._at is None:
+            return (at_steps if self.trajectory.span.is_stepped else fit_for_plot)(self.trajectory)
+        return Samples.at_times(self.trajectory, self._at)

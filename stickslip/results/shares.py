@@ -17,15 +17,21 @@ _OF_GAPS = (Mode.BACKWARD, Mode.OPEN, Mode.FORWARD)
 _PARTS = 32
 
 
-def share(result: Readable, row: str) -> dict[Mode, float]:
-    """Return the part of the simulated time that a row spends in each mode; together they are 1.
+def share(result: Readable, contact: str) -> dict[Mode, float]:
+    """Return the part of the simulated time that a contact spends in each mode; together they are 1.
 
-    Of runs in a row only those count that know the row.
+    Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
+    each step. Of runs in a row only those count that know the contact.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact, or the motion between the outputs was not kept.
     """
     times: dict[Mode, float] = {}
-    for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(row)), strict=True):
+    for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(contact)), strict=True):
         if known is not None:
-            for mode, time in _times(run.samples, row).items():
+            for mode, time in _times(run.samples, contact).items():
                 times[mode] = times.get(mode, 0.0) + time
     total = sum(times.values())
     return {mode: time / total for mode, time in times.items()}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stickslip.equations.system import System
 from stickslip.model.checks import file_path, flag
 from stickslip.results.in_a_row import joined
-from stickslip.results.outcome import Event, Outcome, Target
+from stickslip.results.outcome import Outcome, Target
 from stickslip.results.readable import Readable, check_result
 from stickslip.results.samples import Samples
 from stickslip.results.units import units as units_of
@@ -170,7 +170,7 @@ def how_it_ended(result: Outcome) -> dict[str, Any]:
         "success": bool(result.success),
         "status": int(result.status),
         "message": result.message,
-        "events": [_event_to_dict(event) for event in result.events],
+        "events": [asdict(one) | {"before": one.before.name, "after": one.after.name} for one in result.events],
         "stats": {name: _plain(value) for name, value in result.stats.items()},
     }
 
@@ -214,10 +214,6 @@ def to_frame(result: Readable) -> Any:
     frame, known = pandas.DataFrame(columns(result)), column_units(result)
     frame.attrs["units"] = {name: known.get(name, "") for name in frame.columns}
     return frame
-
-
-def _event_to_dict(event: Event) -> dict[str, Any]:
-    return asdict(event) | {"before": event.before.name, "after": event.after.name}
 
 
 def _plain(value: Any) -> Any:

@@ -28,4 +28,5 @@ def load(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Result |
         If it is not such a file, or the scene is missing, or other names or sizes show that it is another one.
     """
     found = files.read(path, scene)
-    return Joined(tuple(Result(*kept) for kept in found)) if isinstance(found, list) else Result(*found)
+    results = [Result(**vars(run)) for run in (found if isinstance(found, list) else [found])]
+    return Joined(tuple(results)) if isinstance(found, list) else results[0]

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from stickslip.model.checks import file_path
-from stickslip.model.modes import Mode
 from stickslip.results import files, shares, tables
 from stickslip.results.energy import EnergyLedger, energy
 from stickslip.results.explanations import explain_result
@@ -21,18 +20,11 @@ if TYPE_CHECKING:
 class Presented(Readable):
     """A motion that is read by name, and that explains, draws and writes itself."""
 
-    def share(self, contact: str) -> dict[Mode, float]:
-        """Return the part of the simulated time that a contact spends in each mode; together they are 1.
-
-        Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
-        each step.
-
-        Raises
-        ------
-        ValueError
-            If there is no such contact, or the motion between the outputs was not kept.
-        """
-        return shares.share(self, contact)
+    share = shares.share
+    save = files.save
+    to_csv = tables.to_csv
+    to_json = tables.to_json
+    to_frame = tables.to_frame
 
     def energy(self) -> EnergyLedger:
         """Return where the energy went, and by how much the balance is off: a free check of accuracy.
@@ -51,53 +43,6 @@ class Presented(Readable):
     def explain(self) -> str:
         """Return in words what was assembled, which guards were watched, and why each event happened."""
         return explain_result(self)
-
-    def save(self, path: Target) -> None:
-        """Write all of the result to an npz file, without loss; `stickslip.load` reads it.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        files.save(self, path)
-
-    def to_csv(self, path: Target, *, units: bool | None = None) -> None:
-        """Write motion, forces, modes, powers and energies as a table, a line per time.
-
-        Parameters
-        ----------
-        path : path
-        units : bool, optional
-            Whether the heads of the columns say the units; by default where the scene, or all its bodies, say
-            whether they rotate.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        tables.to_csv(self, path, units=units)
-
-    def to_json(self, path: Target) -> None:
-        """Write outcome, events, counts and the state at the last time as JSON.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        tables.to_json(self, path)
-
-    def to_frame(self) -> Any:
-        """Return the same as a pandas data frame, units in ``frame.attrs["units"]`` (extra `stickslip[frames]`).
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return tables.to_frame(self)
 
     def plot(
         self,

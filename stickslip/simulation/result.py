@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,11 +15,10 @@ from stickslip.model.checks import whole
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.continuation import final_scene
-from stickslip.results.outcome import Event
+from stickslip.results.outcome import Outcome
 from stickslip.results.readable import times_within
 from stickslip.results.samples import Samples, for_reading
-from stickslip.results.sampling import at_steps, fit_for_plot, refined
-from stickslip.results.trajectory import Trajectory
+from stickslip.results.sampling import fit_for_plot, refined
 from stickslip.simulation.presented import Presented
 
 
@@ -64,7 +63,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 @dataclass(frozen=True, eq=False)
-class Result(Presented):
+class Result(Outcome, Presented):
     """A simulated motion, in the manner of scipy's `solve_ivp`; ``result(t)`` are the states at any times `t` in s.
 
     Attributes
@@ -84,24 +83,6 @@ class Result(Presented):
     trajectory : Trajectory
         The motion, piece by piece.
     """
-
-    scene: Scene
-    events: list[Event]
-    success: bool
-    status: int
-    message: str
-    stats: dict[str, Any]
-    trajectory: Trajectory = field(repr=False)
-    _at: Samples | Array | None = field(repr=False)
-
-    @cached_property
-    def samples(self) -> Samples:
-        """The motion at the times `t`."""
-        if isinstance(self._at, Samples):
-            return self._at
-        if self._at is None:
-            return (at_steps if self.trajectory.span.is_stepped else fit_for_plot)(self.trajectory)
-        return Samples.at_times(self.trajectory, self._at)
 
     @property
     def t(self) -> Array:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from stickslip.model.arrays import Array
 from stickslip.model.checks import check_takes, finite, flag
 from stickslip.model.scene import Scene
 from stickslip.results.units import units
@@ -215,7 +214,7 @@ def tradeoff(
     progress = flag(progress, "tradeoff: progress")
     span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
-    measure: Error = _Checked(error) if callable(error) else _VelocityError(scene, span)
+    measure = _checked(error) if callable(error) else _velocity_error(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     known = calls(scene, span, scale)
     setups = [
@@ -237,14 +236,11 @@ def tradeoff(
     return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped), creeping)
 
 
-class _Checked:
-    """An error function of the user, which returns numbers that are not negative."""
+def _checked(error: Error) -> Error:
+    """Return an error function of the user that refuses what is no number, or negative."""
 
-    def __init__(self, error: Error) -> None:
-        self._error = error
-
-    def __call__(self, result: Result, reference: Result) -> float:
-        found: Any = self._error(result, reference)
+    def measure(result: Result, reference: Result) -> float:
+        found: Any = error(result, reference)
         if isinstance(found, bool) or not isinstance(found, int | float | np.number) or not found >= 0:
             raise ValueError(
                 f"tradeoff: error(result, reference) must return a number that is at least 0, got {found!r}; "
@@ -252,30 +248,24 @@ class _Checked:
             )
         return float(found)
 
+    return measure
 
-class _VelocityError:
-    """The largest deviation of any body's velocity, over times spread evenly, and just before and after events."""
 
-    def __init__(self, scene: Scene, span: tuple[float, float]) -> None:
-        self._bodies, self._times = len(scene.bodies), np.linspace(*span, _TIMES)
-        # a velocity that jumps early by roundoff has no error: at impacts, and where Karnopp's dead band begins
-        self._is_smooth = not (scene.stops or compiled(scene).has_dead_bands)
-        self._known: tuple[Result, Array] | None = None
+def _velocity_error(scene: Scene, span: tuple[float, float]) -> Error:
+    """Return the largest deviation of any body's velocity, at times spread evenly, and just before and after events."""
+    bodies, times = len(scene.bodies), np.linspace(*span, _TIMES)
+    # a velocity that jumps early by roundoff has no error: at impacts, and where Karnopp's dead band begins
+    is_smooth = not (scene.stops or compiled(scene).has_dead_bands)
 
-    def __call__(self, result: Result, reference: Result) -> float:
-        if self._known is None or self._known[0] is not reference:
-            self._known = reference, self._velocities(reference, self._times)
-        evenly = float(np.abs(self._velocities(result, self._times) - self._known[1]).max())
-        if not self._is_smooth:
-            return evenly
-        # a step that ends in an event ends in the largest error, too
-        events = np.array([event.t for event in (*result.events, *reference.events)])
-        near = np.concatenate([np.nextafter(events, -np.inf), events]).clip(self._times[0], self._times[-1])
-        beside = np.abs(self._velocities(result, near) - self._velocities(reference, near))
-        return max(evenly, float(beside.max(initial=0.0)))
+    def measure(result: Result, reference: Result) -> float:
+        at = times
+        if is_smooth:
+            # a step that ends in an event ends in the largest error, too
+            events = np.array([event.t for event in (*result.events, *reference.events)])
+            at = np.concatenate([times, np.nextafter(events, -np.inf).clip(*span), events.clip(*span)])
+        return float(np.abs(result(at)[:bodies] - reference(at)[:bodies]).max())
 
-    def _velocities(self, result: Result, times: Array) -> Array:
-        return result(times)[: self._bodies]
+    return measure
 
 
 def _quietly(call: Call, scene: Scene, span: tuple[float, float]) -> Result:

@@ -108,22 +108,10 @@ def _product(factors: Complex) -> float:
     return float(np.prod(factors / (1.0 + np.abs(factors))).real)
 
 
-def _crossing(multipliers: Complex) -> float:
-    return _product(1.0 - multipliers)
-
-
-def _flip(multipliers: Complex) -> float:
-    return _product(1.0 + multipliers)
-
-
 def _pairs(multipliers: Complex) -> Complex:
     """Return 1 - the products of any two: 0 for a pair on the unit circle, but also for two real ones."""
     one, other = np.triu_indices(multipliers.size, 1)
     return np.asarray(1.0 - multipliers[one] * multipliers[other])
-
-
-def _torus(multipliers: Complex) -> float:
-    return _product(_pairs(multipliers))
 
 
 def _is_pair(multipliers: Complex) -> bool:
@@ -134,7 +122,10 @@ def _is_pair(multipliers: Complex) -> bool:
 
 # How multipliers pass the unit circle: by what changes its sign then, and in words.
 _PASSES: dict[str, tuple[Callable[[Complex], float], str]] = {
-    "crossing": (_crossing, "a multiplier passes 1: a symmetry breaks, or another branch crosses"),
-    "flip": (_flip, "a multiplier passes -1: the period doubles"),
-    "torus": (_torus, "a pair of multipliers passes the unit circle"),
+    "crossing": (
+        lambda found: _product(1.0 - found),
+        "a multiplier passes 1: a symmetry breaks, or another branch crosses",
+    ),
+    "flip": (lambda found: _product(1.0 + found), "a multiplier passes -1: the period doubles"),
+    "torus": (lambda found: _product(_pairs(found)), "a pair of multipliers passes the unit circle"),
 }

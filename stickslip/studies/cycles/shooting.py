@@ -103,10 +103,6 @@ class Shot:
         others = max((one.stop - one.t for one in pieces[1:-1]), default=0.0)
         return 4 * min(after, before) >= after + before >= others
 
-    @cached_property
-    def _variation(self) -> Variation:
-        return Variation(self.result, self.coordinates.directions())
-
     def _after(self, variation: Variation) -> Array:
         """Return how the coordinates at the end change in each direction."""
         aged = self.coordinates.aged
@@ -121,7 +117,7 @@ class Shot:
     @cached_property
     def monodromy(self) -> Array:
         """How coordinates after one period follow those before."""
-        return self._after(self._variation)
+        return self._after(Variation(self.result, self.coordinates.directions()))
 
     def _rate(self, number: int, tau: float, y: Array) -> Array:
         """Return the rates of the coordinates in a state at a local time of a piece."""

@@ -84,14 +84,12 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     y = sum((weight * system.at_start() for weight, system, _ in near), np.zeros(nominal.size))
     rested = [(weight, np.array([row.rested for row in system.rows])) for weight, system, _ in near]
     since = sum((weight * (trajectory.span.start - times) for weight, times in rested), np.zeros(nominal.m))
-    placed = [(weight, np.array(_positions(system.scene))) for weight, system, _ in near]
-    positions = sum((weight * at for weight, at in placed), np.zeros(nominal.n + nominal.drives))
+    placed = [(weight, [*system.scene.bodies, *system.scene.drives]) for weight, system, _ in near]
+    positions = np.zeros(nominal.n + nominal.drives)
+    for weight, moving in placed:
+        positions += weight * np.array([one.position for one in moving])
     near_ones = () if parameter.only_at_start else tuple(near)
     return Direction(parameter.name, near_ones, y, since, size, positions)
-
-
-def _positions(scene: Scene) -> list[float]:
-    return [one.position for one in (*scene.bodies, *scene.drives)]
 
 
 def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:

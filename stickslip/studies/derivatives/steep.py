@@ -9,7 +9,7 @@ import numpy as np
 from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, values
 from stickslip.model.arrays import Array, Indices
 from stickslip.studies.derivatives.radau import radau
 
@@ -37,16 +37,10 @@ def least_change(equations: ModeEquations, rows: Indices, apart: Array) -> Array
 class SteepPath:
     """A solver's path with what it leaves out there.
 
-    Steps crowd towards such an end. Relative velocities that begin from 0 are integrals of relative accelerations: as
-    differences of velocities they have no digits left.
-
-    Attributes
-    ----------
-    taus : array
-        Ends of the steps in s since the start of the motion.
-    is_lost : bool
-        Whether it begins from rest with friction so steep that what it does then hangs on the beginning itself:
-        ``w' = c w^d`` has solutions that leave 0 at any time; for d below 1/2 they outrun all that else accelerates.
+    Its steps, which end at `taus`, crowd towards such an end. Relative velocities that begin from 0 are integrals of
+    relative accelerations: as differences of velocities they have no digits left. It `is_lost` where it begins from
+    rest with friction so steep that what it does then hangs on the beginning itself: ``w' = c w^d`` has solutions that
+    leave 0 at any time; for d below 1/2 they outrun all that else accelerates.
     """
 
     def __init__(self, motion: Motion, path: Path, speed: float, bend: float) -> None:
@@ -74,8 +68,7 @@ class SteepPath:
         some = (taus < known[-1]).nonzero()[0]
         i = np.searchsorted(known, taus[some], side="right") - 1
         s = (taus[some] - known[i]) / np.diff(known)[i]
-        powers = s[:, None, None] ** np.arange(velocities.shape[1])[:, None]
-        y[:, some] = self._moved(taus[some], y[:, some], (velocities[i] * powers).sum(axis=1).T)
+        y[:, some] = self._moved(taus[some], y[:, some], values(velocities, i, s, False).T)
         return y
 
     def _steep_rows(self, bend: float) -> tuple[Indices, Array]:

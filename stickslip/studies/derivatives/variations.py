@@ -54,12 +54,8 @@ _JUMP = 1e-7  # part of the speeds by which velocities may differ from those aft
 def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     """Return a simulated motion whose pieces are those of the whole scene, from event to event.
 
-    A longest step, however long, keeps large scenes from being followed part by part.
-
-    Raises
-    ------
-    ValueError, TypeError, SimulationError
-        As `simulate` does, and where a method takes fixed steps: their motion has no derivatives.
+    A longest step, however long, keeps large scenes from being followed part by part. Methods of fixed steps are a
+    ValueError: their motion has no derivatives.
     """
     span = arguments.span(t_span)
     method = options.get("method")
@@ -84,14 +80,9 @@ def _generic(scene: Scene) -> Scene:
 
 
 class Variation(Nearby):
-    """First variations of a simulated motion, computed when constructed.
+    """First variations of a simulated motion, computed when constructed: one of `pieces` per motion.
 
-    Attributes
-    ----------
-    pieces : list of VariedPiece
-        One per motion.
-    reasons : list of (float, int, str)
-        Where a derivative does not exist: time in s, number of the direction, why. From there on it is NaN.
+    `reasons` say where a derivative does not exist: time in s, number of the direction, why. From there on it is NaN.
     """
 
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
