@@ -46,7 +46,6 @@ class FixedStep:
         count = max(1, math.ceil(horizon / self._step * (1 - 1e-12)))
         taken = _Taken(motion)
         done, some, hit, over = 0, _FEWEST, False, False
-        self.work.starts += 1
         self._check(motion, min(self._step, horizon), taken)
         while done < count and not over:
             ends: Array = self._step * np.arange(done, min(done + some, count) + 1, dtype=np.float64)

@@ -73,7 +73,6 @@ class Ida:
         solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
         taus, points = lookout.points_of(solution)
         work.solvers += 1
-        work.starts += 1
         work.steps += taus.size - 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev

@@ -66,7 +66,6 @@ class Series:
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
-        self.work.starts += 1
         ends, pieces = [0.0], list[Array]()
         tau, y, hit, touched = 0.0, motion.y, False, None
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:

@@ -28,7 +28,6 @@ class Work:
     rate_calls: int = 0
     jacobian_calls: int = 0
     guard_calls: int = 0
-    starts: int = 0
     solvers: int = 0
     guards_excluded: int = 0
     guards_isolated: int = 0

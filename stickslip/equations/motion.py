@@ -16,7 +16,6 @@ from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads.loads import NO_SINE_TURNS, Segment
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
-from stickslip.equations.taylor import TaylorMap
 from stickslip.model.arrays import Array, Indices
 
 
@@ -190,13 +189,6 @@ class Motion(Inputs):
         least = smallest_of(depths[np.isfinite(depths[:, 0])], columns.terms)
         return lambda tau, y: least(tau, y) < 0
 
-    @cached_property
-    def _is_by_velocity(self) -> bool:
-        """Whether the friction forces of a small motion depend on velocity, and on nothing else that changes."""
-        own = self._lines
-        dwells_or_bristles = self._law_dwells[0].size or self.equations.bristle_places.size
-        return own is not None and own.is_steady and not dwells_or_bristles
-
     @property
     def is_on_lines(self) -> bool:
         """Whether its maps are put together and its inputs are lines."""
@@ -246,17 +238,7 @@ class Motion(Inputs):
 
     def rate(self, tau: float | Array, y: Array) -> Array:
         """Return ``y' = A y + B q + K e``."""
-        equations, size = self.equations, self.system.size
-        lines = self._lines
-        if lines is None or isinstance(tau, np.ndarray) or equations.bristle_places.size:
-            return self.both(tau, y)[:size]
-        found = np.asarray(equations.A @ y)
-        found += lines.response[:size]
-        if not lines.is_steady:
-            found += tau * lines.response_slope[:size]
-        if self.has_law:
-            found += equations.K @ equations.law.forces(*self.law_arguments(tau, y))
-        return found
+        return self.both(tau, y)[: self.system.size]
 
     def relative_acceleration(self, tau: float, y: Array, row: int) -> float:
         """Return how fast the relative velocity of a row grows."""
@@ -387,7 +369,10 @@ class Motion(Inputs):
                 order, frozen, self.table_regions, self.segment.sine_turns if with_sines else NO_SINE_TURNS
             )
             if taylor is not None and taylor.reaches(scale):
-                found = taylor.over(self._derivatives(taylor, tau, y, with_sines), scale, order)
+                x = self._extended(tau, y)
+                if with_sines:
+                    x = np.concatenate([x, self.segment.sines_and_cosines(self.t + tau)])
+                found = taylor.coefficients(x, scale, order)
                 own = found[:, :size]
                 return Expansion.of(
                     found, size, equations.watched_count, lambda: self._all_series(tau, own, scale, frozen)
@@ -424,13 +409,6 @@ class Motion(Inputs):
                 equations.consistent(following, system.drive_velocities(loads[k + 1]))
             finite = linked is None and not following.any()
         return Expansion.of(whole, size, equations.watched_count, q)
-
-    def _derivatives(self, taylor: TaylorMap, tau: float, y: Array, with_sines: bool) -> Array:
-        """Return from what all Taylor coefficients follow at local time `tau`."""
-        x = self._extended(tau, y)
-        return taylor.derivatives(
-            np.concatenate([x, self.segment.sines_and_cosines(self.t + tau)]) if with_sines else x
-        )
 
     def magnitudes(self, order: int, from_rates: bool = False, of_time: bool = False) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
@@ -505,10 +483,6 @@ class Motion(Inputs):
             return found
         law, d = equations.law, self.difference_step
         dw = system.relative_velocity(rate, dq)[equations.velocity_dependent]
-        if self._is_by_velocity:
-            arguments = self.law_arguments(tau, y)
-            found += equations.push(law.slopes(*arguments) * dw)
-            return found
         w, normal, lag, z = self.law_arguments(tau, y, q)
         # normal force, dwell and bristles change slowly and smoothly: their part by a difference, which for a normal
         # force that changes as it does now is exact

@@ -100,15 +100,14 @@ class TaylorMap:
         """Tell whether the coefficients over steps of this length in s can be told."""
         return self._pace * scale < _FASTEST
 
-    def derivatives(self, x: Array) -> Array:
-        """Return from what the coefficients follow over steps of any length, a row per order."""
-        found: Array = (self._matrix @ x).reshape(self.order + 1, -1)
-        return found
+    def coefficients(self, x: Array, scale: float, order: int) -> Array:
+        """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards side by side.
 
-    def over(self, derivatives: Array, scale: float, order: int) -> Array:
-        """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards side by side."""
+        They are linear in `x`: states, inputs, their slopes, dwells and theirs, and sines with their cosines.
+        """
         count = order + 1
-        found: Array = derivatives[:count] * ((self._pace * scale) ** self._orders[:count])[:, None]
+        found: Array = (self._matrix @ x).reshape(self.order + 1, -1)[:count]
+        found *= ((self._pace * scale) ** self._orders[:count])[:, None]
         return found
 
 

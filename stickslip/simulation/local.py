@@ -112,7 +112,6 @@ class Local:
         self._now = now
         parts = self._parts = Parts(self._forest, self._knots, motion, now.labels, self._work)
         self._next_roots = roots = NextRoots(parts, self._work, self._margin)
-        self._work.starts += 1
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size
         moving, held = np.abs(parts.mode) == 1, parts.mode == 0

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from stickslip.engines.part_by_part.knots import Knot
+from stickslip.equations.algebra.matrices import split_by
 from stickslip.equations.forest import Forest
 from stickslip.model.arrays import Indices, Mask
 
@@ -53,12 +54,9 @@ class Groups:
             return
         graph = scipy.sparse.coo_array((np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n))
         label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-        order = np.argsort(label[forest.body_at], kind="stable")
-        bodies = forest.body_at[order]
-        cuts = np.flatnonzero(np.diff(label[bodies])) + 1
         rows = held[np.argsort(label[forest.child[held]], kind="stable")]
         row_label = label[forest.child[rows]]
-        for own in np.split(bodies, cuts):
+        for own in split_by(label[forest.body_at], forest.body_at):
             if own.size > 1:
                 low, high = np.searchsorted(row_label, [label[own[0]], label[own[0]] + 1])
                 self.join(own, rows[low:high], UNLED)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from stickslip.engines.solvers.guards_along import GuardsAlong
-from stickslip.model.arrays import Array, Indices, Mask
+from stickslip.model.arrays import Array, Mask
 
 # About the quarters of a step, not evenly: what repeats itself from one to the next is no line.
 _PLACES = np.array([0.0, 0.23, 0.49, 0.77, 1.0])
@@ -32,7 +32,6 @@ _TOLD = 0.1  # third differences of a guard over a step, as a part of its range 
 _FAR = 0.1  # the same as a part of what it is above 0
 _LATE = 1e-3  # part of the last step from its end at which guards are looked at, too
 _SUSPICION = 5e-2
-_FEW_TURNS = 3
 _DWELLS = np.geomspace(0.02, 40.0, 24)
 
 # Part of what is uncertain that a velocity keeps at the most where it touches 0: errors seldom add up fully.
@@ -140,9 +139,6 @@ def _first_negative(
     if seen < 3:
         return found
     places, rows = np.nonzero(_may_dip(taus[:seen], values[:, :seen], touch[:, :seen]).T)
-    if places.size > _FEW_TURNS:
-        close = _come_close(guards, taus[places], taus[places + 2], rows, touch[rows, places + 1])
-        places, rows = places[close], rows[close]
     for place, row in zip(places.tolist(), rows.tolist(), strict=True):
         tau, value = _lowest(guards, row, taus[place], taus[place + 2])
         if found is not None and tau >= found[0]:
@@ -163,25 +159,6 @@ def _lowest(guards: Callable[[Array], Array], row: int, left: float, right: floa
         options={"xatol": 1e-9 * (right - left)},
     )
     return float(found.x), float(found.fun)
-
-
-def _come_close(guards: Callable[[Array], Array], left: Array, right: Array, rows: Indices, touch: Array) -> Mask:
-    """Tell which guards that turn between `left` and `right` come near zero: all together, by narrower parabolas."""
-
-    def at(taus: Array) -> Array:
-        return guards(taus)[rows, np.arange(rows.size)]
-
-    middle, half = 0.5 * (left + right), 0.5 * (right - left)
-    scale = np.zeros(rows.size)
-    for _ in range(3):
-        low, value, high = at(middle - half), at(middle), at(middle + half)
-        bend = low - 2 * value + high
-        scale = np.maximum(scale, np.abs(bend))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            shift = np.where(bend > 0, 0.5 * (low - high) / bend, 0.0)
-        middle, half = middle + np.clip(shift, -1.0, 1.0) * half, half / 8
-        middle = np.clip(middle, left + half, right - half)
-    return np.asarray(at(middle) <= 1e-6 * scale + touch)
 
 
 def _may_dip(taus: Array, values: Array, touch: Array) -> Mask:

@@ -38,6 +38,12 @@ class Triplets:
         self.values += values[some].tolist()
 
 
+def split_by(number: Indices, things: Indices) -> list[Indices]:
+    """Return things with the same number together, in the order of these."""
+    order = np.argsort(number, kind="stable")
+    return np.split(things[order], np.flatnonzero(np.diff(number[order])) + 1)
+
+
 def dense(matrix: Any) -> Array:
     """Return a matrix as a dense array."""
     found: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -298,13 +297,6 @@ class Guards(GuardsAtStart):
         if self.in_floats is not None:
             return self.in_floats(tau, y)
         motion, q = self.motion, None
-        if self._of_states is not None and self._on_lines is not None:
-            value, slope = self._on_lines
-            g = self._of_states @ y
-            g += value
-            if not motion.segment.is_steady:
-                g += tau * slope
-            return float(g.min())
         if self.rows.has_levels or self.rows.rising.size or motion.dependence is not None:
             q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
@@ -316,17 +308,6 @@ class Guards(GuardsAtStart):
         return float(g.min())
 
     @cached_property
-    def _on_lines(self) -> tuple[Array, Array] | None:
-        """What `smallest` adds to what states and laws do, of a small motion whose inputs are lines, and its slope."""
-        motion = self.motion
-        if motion.is_rising(0.0) or not motion.is_on_lines:
-            return None
-        slope = np.zeros(motion.start_inputs.size)
-        slope[: motion.segment.slope.size] = motion.segment.slope
-        value, slope = self.rows.of_inputs(np.stack([motion.start_inputs, slope], axis=1)).T
-        return value + self._added, slope
-
-    @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
         sums, rows = self.motion.sums, self.rows
@@ -335,22 +316,12 @@ class Guards(GuardsAtStart):
         found = rows.of_inputs(sums.inputs)
         found[:, sums.columns.states] += rows.by_state
         found[:, sums.forces] += rows.sign[:, None] * self.motion.equations.L[rows.source]
-        found[:, 0] += self._added
+        found[:, 0] += self._constant
+        if self.velocity_uncertainty is not None:
+            found[:, 0] += self.leeway
+        if self._lift is not None:
+            found[:, 0] += self._lift
         return smallest_of(found, sums.columns.terms)
-
-    @cached_property
-    def _added(self) -> Array:
-        """What `smallest` adds to what states and inputs make of the guards."""
-        found = self._constant if self.velocity_uncertainty is None else self._constant + self.leeway
-        return found if self._lift is None else found + self._lift
-
-    @cached_property
-    def _of_states(self) -> Any:
-        """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
-        equations = self.motion.equations
-        if self._on_lines is None or equations.watched_by_laws[self.rows.source].any():
-            return None
-        return self.rows.by_state
 
     @cached_property
     def told(self) -> float:
