@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.algebra.matrices import row_maxima
+from stickslip.equations.algebra.matrices import row_maxima, split_by
 from stickslip.model.arrays import Array, Indices
 
 # Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common.
@@ -38,7 +38,8 @@ class Balance:
     """Accelerations and held forces of one set of held rows.
 
     `G` and `D` are the coefficients of the held rows on the free bodies and on the drives. ``component(some)`` returns
-    the component that some of these rows form, where many are known.
+    the component that some of these rows form, where many are known. Coefficients on drives times `alike` are those on
+    the first of each set of drives that always move alike; None where no two do.
 
     Attributes
     ----------
@@ -57,7 +58,12 @@ class Balance:
     """
 
     def __init__(
-        self, inertia: Array, G: Any, D: Any, component: Callable[[Indices], _Eliminated] | None = None
+        self,
+        inertia: Array,
+        G: Any,
+        D: Any,
+        component: Callable[[Indices], _Eliminated] | None = None,
+        alike: Any = None,
     ) -> None:
         self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
@@ -65,9 +71,9 @@ class Balance:
         self._large: list[tuple[Indices, _Tree]] = []
         if self._is_sparse:
             G, D = G.tocsr(), D.tocsr()
-            self._eliminate_many(G, D, component or Components(inertia, G, D).component)
+            self._eliminate_many(G, D, component or Components(inertia, G, D, alike).component)
         else:
-            part = _Component(inertia, G, D)
+            part = _Component(inertia, G, D, alike)
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
             self._S = part.S
             self.parting, self.loop = part.parting, part.loop
@@ -96,8 +102,8 @@ class Balance:
         independent = np.ones(self._n, dtype=bool)
         independent[self.dependent] = False
         some = np.flatnonzero(independent)
+        self._TT = T.T.tocsr() if self._is_sparse else T.T
         if self._is_sparse:
-            self._TT = T.T.tocsr()
             reduced = (self._TT @ (scipy.sparse.diags_array(inertia) @ T)).tocsr()
             self._reduced = _inverse_of_blocks(reduced, some)
         else:
@@ -164,14 +170,7 @@ class Balance:
         if not self.count:
             return v
         off = v - self.consistent(v, u)
-        if self._is_sparse:
-            return self.consistent(v + self._reduced @ (self._TT @ (self._inertia * off)), u)
-        return self.consistent(v + self._shared @ off, u)
-
-    @cached_property
-    def _shared(self) -> Array:
-        """How independent velocities share what dependent ones lose, of a small scene."""
-        return np.asarray(self._reduced @ (self.T.T * self._inertia))
+        return self.consistent(v + self._reduced @ (self._TT @ (self._inertia * off)), u)
 
     def accelerations(self, forces: Array, drives: Array | None = None) -> Array:
         """Return accelerations of all bodies from all other forces on them, and from the drives' accelerations."""
@@ -225,8 +224,8 @@ class Balance:
 class Components:
     """The connected components that some of a scene's rows form, eliminated; from one event to the next few change."""
 
-    def __init__(self, inertia: Array, G: Any, D: Any) -> None:
-        self._inertia, self._G, self._D = inertia, G, D
+    def __init__(self, inertia: Array, G: Any, D: Any, alike: Any = None) -> None:
+        self._inertia, self._G, self._D, self._alike = inertia, G, D, alike
         self._remembered = lru_cache(maxsize=_REMEMBERED)(self._eliminated)
 
     def component(self, rows: Indices) -> _Eliminated:
@@ -237,7 +236,7 @@ class Components:
         rows = np.frombuffer(key, dtype=np.intp)
         G, D = self._G[rows], self._D[rows].toarray()
         bodies = np.unique(G.indices)
-        found = _Component(self._inertia[bodies], G[:, bodies].toarray(), D)
+        found = _Component(self._inertia[bodies], G[:, bodies].toarray(), D, self._alike)
         (i, j), (k, drive), (row, place) = found.T.nonzero(), found.U.nonzero(), found.S.nonzero()
         return _Eliminated(
             (bodies[i], bodies[j], found.T[i, j]),
@@ -292,14 +291,13 @@ def _joined(G: Any, rows: Indices) -> list[Indices]:
     if not rows.size:
         return []
     label = joined(G[rows])
-    order = np.argsort(label, kind="stable")
-    return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1)
+    return split_by(label, rows)
 
 
 class _Component:
     """Gauss-Jordan elimination of some rows, columns of light bodies first."""
 
-    def __init__(self, inertia: Array, G: Array, D: Array) -> None:
+    def __init__(self, inertia: Array, G: Array, D: Array, alike: Any) -> None:
         h, n = G.shape
         scale = np.maximum(row_maxima(G), row_maxima(D))
         scale[scale == 0] = 1.0
@@ -336,7 +334,7 @@ class _Component:
         self.loop = np.full(h, -1)
         self.parting: Array | None = None
         if done < h:
-            self._least_norm(inertia, D, work[done:, last:], scale)
+            self._least_norm(inertia, D if alike is None else D @ alike, work[done:, last:], scale)
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
@@ -476,8 +474,7 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         return scipy.sparse.diags_array(values, format="csr")
     _, label = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     entries = _Entries()
-    order = np.argsort(label[some], kind="stable")
-    for own in np.split(some[order], np.flatnonzero(np.diff(label[some][order])) + 1):
+    for own in split_by(label[some], some):
         block = matrix[own][:, own].toarray()
         entries.block(own, own, np.linalg.inv(block) if block.any() else np.zeros_like(block))
     return entries.matrix((size, size))

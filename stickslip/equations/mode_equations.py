@@ -241,7 +241,8 @@ class ModeEquations:
             return np.zeros(G.shape[0], dtype=bool)
         left = row_maxima(G @ balance.T)
         if not but_by_drives:
-            left = np.maximum(left, row_maxima(G @ balance.U + D))
+            led = G @ balance.U + D
+            left = np.maximum(left, row_maxima(led if system.alike is None else led @ system.alike))
         return np.asarray(left <= _LOCKED * system.largest_lever[rows])
 
     @cached_property

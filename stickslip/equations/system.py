@@ -56,6 +56,8 @@ class System:
         The number of inputs followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
     G, D : array or sparse (m, n), (m, drives)
         Coefficients of the rows on bodies and drives.
+    alike : array or sparse (drives, drives), or None
+        Coefficients on drives times this are those on the first of each set of drives that always move alike.
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
     push_C, push_Q : array or sparse (n, size), (n, inputs)
@@ -92,7 +94,7 @@ class System:
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
         self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(self._balance)
-        self._components = Components(self.inertia, self.G, self.D)
+        self._components = Components(self.inertia, self.G, self.D, self.alike)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
 
     def _place_states(self, book: Book) -> None:
@@ -251,7 +253,23 @@ class System:
         self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, self.drives))
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
+        self.alike = self._alike([drive.velocity for drive in book.drives])
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
+
+    def _alike(self, velocities: Sequence[Signal]) -> Any:
+        """Return the map from drives to the first of those that always move alike, or mirrored; None if no two do."""
+        seen: dict[Signal, tuple[int, float]] = {}
+        entries = Triplets()
+        for k, velocity in enumerate(velocities):
+            try:
+                first, factor = seen.setdefault(velocity, (k, 1.0))
+                seen.setdefault(-velocity, (first, -factor))
+            except TypeError:
+                # a function that has no hash
+                first, factor = k, 1.0
+            entries.add(k, first, factor)
+        shape = self.drives, self.drives
+        return None if entries.columns == [*range(self.drives)] else self.matrix(entries, shape)
 
     @cached_property
     def transmission(self) -> Transmission:
@@ -505,7 +523,8 @@ class System:
 
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-        return Balance(self.inertia, self.G[rows], self.D[rows], lambda some: self._components.component(rows[some]))
+        G, D = self.G[rows], self.D[rows]
+        return Balance(self.inertia, G, D, lambda some: self._components.component(rows[some]), self.alike)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from stickslip.equations.algebra.matrices import split_by
 from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
@@ -82,8 +83,7 @@ class Search:
         self._part_of[body] = number[row]
         others = (self._part < 0).nonzero()[0]
         self._part[others] = self._part.max(initial=-1) + 1 + np.arange(others.size)
-        order = np.argsort(self._part, kind="stable")
-        self._parts = np.split(order, np.flatnonzero(np.diff(self._part[order])) + 1)
+        self._parts = split_by(self._part, np.arange(system.m))
 
     def _changed(self, trial: Modes, following: Modes) -> list[int]:
         """Return the parts in which modes differ."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reading import told
-from scipy.optimize import lsq_linear
+from scipy.optimize import brentq, lsq_linear
 
 from stickslip import (
     GROUND,
@@ -360,3 +360,51 @@ def test_a_freewheel_that_carries_nothing_stops_a_block_all_the_same() -> None:
     assert not result.velocity("b").any()
     # it carries 4 N of the belt less 1 N
     assert result.force("free")[-1] == pytest.approx(3.0, abs=1e-14)
+
+
+FORCE_OF_BODY = sine(4.0, 2.0, 2.0)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["alike", "mirrored"])
+def test_drives_that_move_alike_tear_nothing(turn: float, formulation: str) -> None:
+    """Half of ``F = m u' - f`` each while that is within 4 N, else 4 N and the rest: as if both were one drive."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("one", velocity=sine(1.0, 1.0)),
+        Drive("other", velocity=sine(turn, 1.0)),
+        Contact("weak", "b", "one", DryFriction(0.4, 0.1), normal=10.0),
+        Contact("strong", "b", "other", DryFriction(0.4, 0.1), normal=20.0, radius_b=turn),
+        Force("b", FORCE_OF_BODY),
+    )
+    times = np.linspace(0.0, 1.0, 41)
+    result = simulate(scene, (0.0, 1.0), t_eval=times, formulation=formulation)
+    assert not result.events
+    # contacts push the body with -r
+    total = [FORCE_OF_BODY(t) - 2 * math.pi * math.cos(2 * math.pi * t) for t in times]
+    weak = [max(-4.0, min(0.5 * F, 4.0)) for F in total]
+    assert result.force("weak") == pytest.approx(weak, abs=1e-12)
+    assert result.force("strong") == pytest.approx(np.subtract(total, weak), abs=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_what_else_moves_does_not_matter_between_drives_that_move_alike(formulation: str) -> None:
+    """A clutch and a contact hold a body at drives of one velocity; they let go together, at a force of -4 N."""
+    beside = (Body("far", inertia=2.0), Force("far", sine(5.0, 3.0)))
+    for others in ((), beside, (Body("b0", inertia=1.0), *beside)):
+        scene = Scene(
+            Body("b", inertia=1.0),
+            *others,
+            *(Drive(name, velocity=sine(1.0, 1.0)) for name in ("d", "e")),
+            Contact("c", "b", "d", DryFriction(0.4, 0.1), normal=10.0),
+            OneWay("o", "b", "e"),
+            Force("b", sine(2.0, 2.0, 2.0)),
+        )
+        result = simulate(scene, (0.0, 1.0), formulation=formulation)
+        assert told(result)[-4:] == [("c", -1, 0), ("o", -1, 0), ("c", 0, -1), ("o", 0, -1)]
+        released = brentq(
+            lambda t: 2 * math.sin(4 * math.pi * t + 2) - 2 * math.pi * math.cos(2 * math.pi * t) + 4, 0.9, 1
+        )
+        assert [e.t for e in result.events[-2:]] == pytest.approx([released] * 2, abs=1e-9)
+        half = math.sin(4 * math.pi * 0.55 + 2) - math.pi * math.cos(2 * math.pi * 0.55)
+        assert [result.sample([0.55]).force(row)[0] for row in ("c", "o")] == pytest.approx([half, half], abs=1e-9)
