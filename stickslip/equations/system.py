@@ -19,6 +19,7 @@ from stickslip.equations.algebra.matrices import Triplets
 from stickslip.equations.balance import Balance, Components
 from stickslip.equations.loads.dependence import Dependence, Forms, Friction
 from stickslip.equations.loads.loads import Loads
+from stickslip.equations.loads.proportion import in_proportion
 from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.transmission import Transmission
@@ -57,7 +58,7 @@ class System:
     G, D : array or sparse (m, n), (m, drives)
         Coefficients of the rows on bodies and drives.
     alike : array or sparse (drives, drives), or None
-        Coefficients on drives times this are those on the first of each set of drives that always move alike.
+        Coefficients on drives times this are those on the first of each set of drives that always move in proportion.
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
     push_C, push_Q : array or sparse (n, size), (n, inputs)
@@ -257,17 +258,10 @@ class System:
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
     def _alike(self, velocities: Sequence[Signal]) -> Any:
-        """Return the map from drives to the first of those that always move alike, or mirrored; None if no two do."""
-        seen: dict[Signal, tuple[int, float]] = {}
+        """Return the map from drives to the first of those that always move in proportion; None if no two do."""
         entries = Triplets()
-        for k, velocity in enumerate(velocities):
-            try:
-                first, factor = seen.setdefault(velocity, (k, 1.0))
-                seen.setdefault(-velocity, (first, -factor))
-            except TypeError:
-                # a function that has no hash
-                first, factor = k, 1.0
-            entries.add(k, first, factor)
+        for k, (first, ratio) in enumerate(in_proportion(velocities)):
+            entries.add(k, first, ratio)
         shape = self.drives, self.drives
         return None if entries.columns == [*range(self.drives)] else self.matrix(entries, shape)
 

@@ -366,15 +366,15 @@ FORCE_OF_BODY = sine(4.0, 2.0, 2.0)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["alike", "mirrored"])
-def test_drives_that_move_alike_tear_nothing(turn: float, formulation: str) -> None:
+@pytest.mark.parametrize("turn", [1.0, -1.0, 7.0], ids=["alike", "mirrored", "faster"])
+def test_drives_in_proportion_tear_nothing(turn: float, formulation: str) -> None:
     """Half of ``F = m u' - f`` each while that is within 4 N, else 4 N and the rest: as if both were one drive."""
     scene = Scene(
         Body("b", inertia=1.0),
         Drive("one", velocity=sine(1.0, 1.0)),
         Drive("other", velocity=sine(turn, 1.0)),
         Contact("weak", "b", "one", DryFriction(0.4, 0.1), normal=10.0),
-        Contact("strong", "b", "other", DryFriction(0.4, 0.1), normal=20.0, radius_b=turn),
+        Contact("strong", "b", "other", DryFriction(0.4, 0.1), normal=20.0, radius_b=1 / turn),
         Force("b", FORCE_OF_BODY),
     )
     times = np.linspace(0.0, 1.0, 41)
