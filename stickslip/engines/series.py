@@ -170,6 +170,11 @@ class Series:
         """
         rows = guards.rows
         terms = np.abs(np.concatenate([y, g], axis=1))
+        first_block = guards.motion.system.first_block
+        if first_block < y.shape[1]:
+            # states of blocks have units of their own
+            blocks = terms[:, first_block : y.shape[1]]
+            blocks /= np.maximum(blocks.max(axis=0), _TINY)
         scale = guards.step_scale
         if scale.size:
             own = terms[:, y.shape[1] :][:, rows.forces]

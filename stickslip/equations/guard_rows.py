@@ -148,8 +148,9 @@ class GuardRows:
     def kinds(self) -> tuple[Indices, list[str]]:
         """Where in states and guards side by side each kind begins, and which it is."""
         system, own = self._equations.system, self.forces
-        ends = [system.n, system.size, *(system.size + k for k in (own.start, own.stop, self.size))]
-        named = zip([0, *ends], ends, ["state", "state", "velocity", "force", "velocity"], strict=False)
+        states = [system.n, system.first_block, system.size]
+        ends = [*states, *(system.size + k for k in (own.start, own.stop, self.size))]
+        named = zip([0, *ends], ends, ["state", "state", "state", "velocity", "force", "velocity"], strict=False)
         some = [(first, kind) for first, last, kind in named if last > first]
         return np.array([first for first, _ in some]), [kind for _, kind in some]
 

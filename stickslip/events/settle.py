@@ -185,6 +185,18 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
             raise Inconsistent(wrong)
 
 
+def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:
+    """Return where contacts are at rest that have come into Karnopp's dead band: forces that follow the motion jump."""
+    if not system.has_dead_bands or system.dependence is None:
+        return now
+    segment = loads.after(now.t)
+    q = inputs_before(system, segment, now, segment.table_regions)
+    at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
+    w, rough = _relative(system, now.y, now.was, now.t, q)
+    closed = _closed(system, segment, now.t, q)
+    return _at_rest_in_bands(system, now, w, rough, closed, at_stop, system.drive_velocities(q))
+
+
 def inputs_before(system: System, segment: Segment, now: Situation, regions: TableRegions = None) -> Array:
     """Return the inputs before the modes are known; what moves has the friction of its velocity.
 

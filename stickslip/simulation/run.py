@@ -34,6 +34,7 @@ from stickslip.events.rest import until_rest
 from stickslip.events.settle import (
     Settled,
     all_pressed,
+    at_rest_in_bands,
     carried_on,
     comes_to_rest,
     inputs_before,
@@ -85,11 +86,11 @@ class Run:
         # up in rates
         self._first = system.at_start()
         self._fastest = np.abs(self._first[: system.n])
-        self._moved, self._pushed = np.zeros(system.size), 0.0
+        self._moved, self._pushed = np.zeros(system.size), np.zeros(system.size)
         self.most_guards = self.samples = 0
         self.now: Settled | None = None
         tables = system.dependence is not None and system.dependence.tables
-        self._borders = Borders(system, task.loads, wanted.atol / wanted.rtol) if tables else None
+        self._borders = Borders(system, task.loads, wanted.scale) if tables else None
         self._relaxation = Relaxation(system)
         self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
@@ -122,6 +123,9 @@ class Run:
         # as later on, what an impact brings into Karnopp's dead band moves on
         struck_rows = system.abs_G @ np.abs(start.y - before)[: system.n] > 0
         situation = start._replace(sides=sides, moves_on=system.starts_slipping | struck_rows)
+        situation = at_rest_in_bands(system, self.loads, situation)
+        if self._borders is not None:
+            self._borders.place(situation)
         self.now = replace(self._settled(situation), impact=impact)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
@@ -170,10 +174,9 @@ class Run:
         self.recorder.keep(now, path, t)
         if self._wanted.has_errors or self._wanted.guessed.any():
             self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
-        if self._wanted.has_errors and self._wanted.guessed.any():
+        if self._wanted.may_hide:
             self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
-            rates = now.motion.rate_magnitudes()[: self.system.n]
-            self._pushed = max(self._pushed, float(rates.max(initial=0.0)))
+            self._pushed = np.maximum(self._pushed, now.motion.rate_magnitudes())
         if self.stopped is not None:
             self.timeline.t = t
             return
@@ -182,9 +185,15 @@ class Run:
     @property
     def reached(self) -> Reached:
         """What the run has come to."""
-        ends = [self.system.n, self.system.first_bristle, self.system.first_block]
-        velocities, distances, bristles, _ = np.split(self._moved, ends)
-        return Reached(velocities, distances, bristles, self._pushed * self.timeline.duration)
+        system, duration = self.system, self.timeline.duration
+        ends = [system.n, system.first_bristle, system.first_block]
+        velocities, distances, bristles, moved = np.split(self._moved, ends)
+        blocks = np.where(moved > 0, moved + np.abs(self._first[system.first_block :]), 0.0)
+        blocks[system.clocked - system.first_block] = 0.0
+        pushed = self._pushed * duration
+        return Reached(
+            velocities, distances, bristles, blocks, float(pushed[: system.n].max()), pushed[system.first_block :]
+        )
 
     def _path(self, now: Settled) -> tuple[Path, list[int]]:
         """Return the path of a motion while its modes hold, and the rows that have relaxed to rest at its end."""
@@ -356,6 +365,7 @@ class Run:
             stops,
             moves_on,
         )
+        situation = at_rest_in_bands(system, self.loads, situation)
         if self._borders is not None:
             self._borders.place(situation)
         return situation, jump

@@ -29,8 +29,9 @@ _EXACT = 1e-8  # part of the scene's velocities that an exact engine resolves, w
 # Part of a velocity that errors may add up to: beyond it the passing of 0 is not told from them.
 _TOO_MUCH = 0.1
 
-# Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move.
-_HIDDEN = 1e-5
+# Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move; and of the largest
+# size of a state of a block, whose errors controllers may multiply.
+_HIDDEN, _HIDDEN_STATE = 1e-5, 1e-6
 
 # What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance.
 _NOISE, _SEEN = 1e-11, 1e-3
@@ -52,7 +53,9 @@ class Reached:
     velocities: Array  # (n,): the fastest of each body in m/s or rad/s
     distances: Array  # (n,): how far each body was from its start in m or rad
     bristles: Array  # (b,): largest deflections in m or rad
+    blocks: Array  # largest sizes of the states of blocks that a solver integrates, 0 for others
     pushed: float  # what adds up in accelerations, times the time span, in m/s or rad/s
+    fed: Array  # what adds up in the rates of the states of blocks, times the time span
 
 
 @dataclass(frozen=True)
@@ -73,11 +76,27 @@ class Tolerances:
     has_errors: bool
     guessed: Mask  # (n,): bodies of which nothing but loads told how fast they may be
 
+    @property
+    def scale(self) -> Array:
+        """The sizes (size,) that states at rest are taken to have, 0 for those of blocks, of which nothing tells."""
+        found = self.atol / self.rtol
+        found[self.system.first_block :] = 0.0
+        return np.asarray(found)
+
+    @property
+    def may_hide(self) -> bool:
+        """Whether what a run reaches may be hidden: where only loads tell velocities, and of states of blocks."""
+        return self.has_errors and (bool(self.guessed.any()) or self.atol.size > self.system.first_block)
+
     def hide(self, reached: Reached) -> bool:
         """Tell whether a run was so slow, beside what loads let expect, that the tolerances hide it.
 
-        The absolute one hides how bodies move, or what errors may add up to is no small part of a velocity.
+        The absolute one hides how bodies move, or the states of blocks, or what errors may add up to is no small part
+        of a velocity.
         """
+        hidden = self.atol[self.system.first_block :] / _HIDDEN_STATE
+        if np.any((_NOISE * reached.fed < reached.blocks) & (reached.blocks < hidden)):
+            return True
         velocities, n = reached.velocities, reached.velocities.size
         atol, speed = float(self.atol[:n].max(initial=0.0)), float(velocities.max(initial=0.0))
         noise = max(_NOISE * max(reached.pushed, self.speed), _SEEN * atol)
@@ -172,6 +191,8 @@ def tolerances(
         if force > 0:
             each[state] = min(atol, _BRISTLE * force / stiffness)
     if reached is not None:
+        own = np.maximum(rtol * reached.blocks, _ROUNDOFF * reached.fed)
+        each[system.first_block :] = np.where(own > 0, np.minimum(atol, own), atol)
         each[system.n : system.first_block] = np.minimum(
             each[system.n : system.first_block], rtol * np.concatenate([reached.distances, reached.bristles])
         )

@@ -20,6 +20,7 @@ from stickslip import (
     Gear,
     Karnopp,
     LuGre,
+    Mode,
     Quantity,
     Sampled,
     Scene,
@@ -31,6 +32,7 @@ from stickslip import (
     explain,
     feedback,
     output,
+    pid,
     piecewise_linear,
     position,
     power,
@@ -368,3 +370,79 @@ def test_what_follows_time_and_position_is_read_at_its_time() -> None:
     result = simulate(scene, (0.0, 2.0), t_eval=t)
     np.testing.assert_allclose(result.normal("linear"), 5.0 + 3.0 * t, rtol=1e-12)
     np.testing.assert_allclose(result.normal("curved"), 3.0 + t * (1.0 + 2.0 * t), rtol=1e-9)
+
+
+def saturated_servo(length: float, time: float, *friction: Contact) -> Scene:
+    """A mass of 1 kg under a PI controller with limits, with lengths and times in other units."""
+    force = length / time**2
+    control = pid(
+        "control",
+        length - position("m"),
+        kp=3.0 / time**2,
+        ki=4.0 / time**3,
+        kd=1.0 / time,
+        rate=-1 * velocity("m"),
+        low=-2 * force,
+        high=2 * force,
+    )
+    return Scene(Body("m", inertia=1.0), control, Force("m", output("control")), *friction)
+
+
+@pytest.mark.parametrize(
+    ("length", "time", "options", "off"),
+    [
+        (1e-8, 1e-8, {}, 1e-11),
+        (1e-3, 1e-3, {"method": "BDF"}, 5e-6),
+        (1e-6, 1e-6, {"method": "BDF"}, 5e-6),
+        (1e-9, 1e-6, {"method": "Adams"}, 5e-6),
+        (1e-6, 1e-2, {"formulation": "multiplier", "method": "BDF"}, 5e-6),
+    ],
+)
+def test_a_controller_needs_no_units_of_its_own(
+    length: float, time: float, options: dict[str, Any], off: float
+) -> None:
+    """The velocity, in its unit, is the same however small the integral of the error is."""
+    times = np.linspace(0.0, 10.0, 101)
+    exact = simulate(saturated_servo(1.0, 1.0), (0.0, 10.0), t_eval=times).velocity("m")
+    result = simulate(saturated_servo(length, time), (0.0, 10.0 * time), t_eval=times * time, **options)
+    assert result.velocity("m") * time / length == pytest.approx(exact, abs=off * abs(exact).max())
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "merged"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("steep", [5.0, 13.0])
+@pytest.mark.parametrize("push", [0.08, 0.2])
+def test_a_dead_band_ends_at_what_the_normal_force_is_at_rest(
+    push: float, steep: float, options: dict[str, Any]
+) -> None:
+    """``N = 0.3 + k |v - 0.03|``: at the edge of the band, 0.06 m/s, the block rests under a level of 0.15 + 0.015 k.
+
+    Before, ``u = v - 0.03`` follows ``0.5 u' = -push - 0.15 - 0.5 k u``.
+    """
+    normal = table(velocity("b"), [0.03 - 10, 0.03, 0.03 + 10], [10 * steep + 0.3, 0.3, 10 * steep + 0.3])
+    scene = Scene(
+        Body("b", inertia=0.5, velocity=0.08),
+        Contact("c", "b", GROUND, Karnopp(DryFriction(0.5, 0.5), 0.06), normal=normal),
+        Force("b", -push),
+    )
+    result = simulate(scene, (0.0, 0.2), **options)
+    steady = (push + 0.15) / (0.5 * steep)
+    stops = math.log((0.05 + steady) / (0.03 + steady)) / steep
+    assert [(e.before, e.after) for e in result.events] == [(Mode.FORWARD, Mode.STUCK)]
+    assert result.events[0].t == pytest.approx(stops, abs=3e-9)
+    assert result.force("c")[-1] == pytest.approx(-push, abs=1e-12)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+def test_a_dead_band_may_open_its_own_contact(options: dict[str, Any]) -> None:
+    """``N = 10 v - 0.3`` presses at the edge of the band, and nothing does at rest: the load moves the block on."""
+    scene = Scene(
+        Body("b", inertia=0.5, velocity=0.08),
+        Contact("c", "b", GROUND, Karnopp(DryFriction(0.5, 0.5), 0.06), normal=10 * velocity("b") - 0.3),
+        Force("b", -0.5),
+    )
+    result = simulate(scene, (0.0, 0.2), **options)
+    # 0.5 v' = -0.5 - 0.5 (10 v - 0.3) from 0.08 to 0.06, then 0.5 v' = -0.5 from rest
+    stops = math.log((0.08 + 0.07) / (0.06 + 0.07)) / 10
+    assert [e.after for e in result.events] == [Mode.BACKWARD]
+    assert result.events[0].t == pytest.approx(stops, abs=3e-9)
+    assert result.velocity("b")[-1] == pytest.approx(-(0.2 - stops), abs=1e-8)
