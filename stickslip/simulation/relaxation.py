@@ -10,7 +10,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.model.laws.lugre import FASTEST
+from stickslip.model.laws.lugre import FASTEST, NEARLY_OPEN
 
 _TOO_MUCH = 1e-4  # part of the impulse of their level by which that of bristles may be larger
 
@@ -18,22 +18,28 @@ _TOO_MUCH = 1e-4  # part of the impulse of their level by which that of bristles
 class Relaxation:
     """Adds up how much more friction bristles have had than their level, because they relax no faster than `FASTEST`.
 
-    Normal forces that depend on the state are left out.
+    Where a normal force depends on the state, it also tells whether that comes back from nearly 0 while the contact
+    slides: its bristles then become softer by powers of ten within a step, and solvers keep the stiffness before.
     """
 
     def __init__(self, system: System) -> None:
-        rows = [j for j in system.bristle_state if not system.pressed[j] and system.mu_s[:, j].max() > 0]
+        rows = [j for j in system.bristle_state if system.mu_s[:, j].max() > 0]
         self._system, self.rows = system, np.array(rows, dtype=np.intp)
+        self._pressed = system.pressed[self.rows]
+        self._pressing, self._fastest = np.zeros(len(rows)), np.zeros(len(rows))
         stiffness = [system.laws.characters[j].stiffness or 0.0 for j in rows]
         self._least, self._mu = np.array(stiffness) / FASTEST, system.mu_s[:, rows].max(axis=0, initial=0.0)
         self._beyond, self._level = np.zeros(len(rows)), np.zeros(len(rows))
 
     def note(self, motion: Motion, path: Path) -> None:
         """Add a path; where a contact has had too much friction, that is a `SolverFailure`."""
-        taus, loads = path.taus, motion.loads(path.taus)
-        w = self._system.relative_velocity(path.points.T, loads)[self.rows]
+        taus, states, loads = path.taus, path.points.T, motion.loads(path.taus)
+        w = self._system.relative_velocity(states, loads)[self.rows]
         closed = (motion.equations.modes[self.rows] != OPEN)[:, None]
-        level = self._mu[:, None] * np.maximum(loads[self.rows], 0.0)
+        normals = motion.inputs(taus, states) if self._pressed.any() else loads
+        normals = np.maximum(normals[self.rows], 0.0)
+        self._note_returns(motion, path, np.abs(w), normals * closed)
+        level = self._mu[:, None] * normals
         beyond = np.maximum(self._least[:, None] * np.abs(w) - level, 0.0)
         self._beyond += _over(taus, beyond * closed)
         self._level += _over(taus, level)
@@ -45,6 +51,23 @@ class Relaxation:
                 "make the stiffness smaller, or use DryFriction there",
                 path,
             )
+
+    def _note_returns(self, motion: Motion, path: Path, speed: Array, normals: Array) -> None:
+        """Refuse normal forces that follow the motion and come back from nearly 0, beside how fast contacts are."""
+        self._pressing = np.maximum(self._pressing, normals.max(axis=1))
+        self._fastest = np.maximum(self._fastest, speed.max(axis=1))
+        near = NEARLY_OPEN * self._pressing[:, None] * speed
+        returns = (normals * self._fastest[:, None] < near)[:, :-1] & (np.diff(normals) > 0)
+        returns &= self._pressed[:, None]
+        if not returns.any():
+            return
+        place, k = (int(one[0]) for one in returns.T.nonzero())
+        raise SolverFailure(
+            f"contact {self._system.rows[int(self.rows[k])].name!r}: its normal force comes back from nearly 0 while "
+            "it slides, where a bristle is all but infinitely stiff",
+            f"let it stay above {NEARLY_OPEN * self._pressing[k]:.3g}, or use DryFriction",
+            motion.until(path, float(path.taus[place])) if place else Path.of_start(motion.y),
+        )
 
 
 def _over(taus: Array, values: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from reading import told
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from stickslip import (
@@ -29,9 +30,11 @@ from stickslip import (
     SimulationError,
     Spring,
     Stop,
+    feedback,
     normal,
     piecewise_linear,
     position,
+    relative_velocity,
     saturate,
     simulate,
     sine,
@@ -647,12 +650,54 @@ def test_bristles_in_steady_sliding_have_the_level_however_fast_they_relax(
 
 @pytest.mark.parametrize(
     ("stiffness", "normal_force"),
-    [(1e6, 1e-6), (30.0, 1e-11), (1e13, 10.0), (1e9, piecewise_linear([0.0, 0.5], [10.0, 1e-9]))],
+    [
+        (1e6, 1e-6),
+        (30.0, 1e-11),
+        (1e13, 10.0),
+        (1e9, piecewise_linear([0.0, 0.5], [10.0, 1e-9])),
+        (1e13, 10.0 + 1e-3 * position("a")),
+        (1e13, feedback(lambda x: 10.0, position("a"))),
+    ],
 )
 def test_bristles_that_relax_faster_than_can_be_followed_end_the_run(stiffness: float, normal_force: Any) -> None:
     """Their friction would be larger than its level."""
     with pytest.raises(SimulationError, match=r"contact 'c': its bristles relax faster than 1e\+12 /s"):
         simulate(pressed_on_a_belt(stiffness, normal_force, 1.0), (0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"rtol": 1e-4, "atol": 1e-6}, {"method": "Adams"}, {"formulation": "multiplier"}]
+)
+@pytest.mark.parametrize("law", [Dahl(DryFriction(0.4, 0.4), 500.0), LuGre(DryFriction(0.4, 0.4), 500.0, 1.0)])
+def test_bristles_whose_normal_force_touches_0_in_sliding_end_the_run_there(law: Law, options: dict[str, Any]) -> None:
+    """``N = 10 |x|`` comes to 0 at 0.374 s, where the block passes x = 0 at 1.3 m/s; until then the motion is known."""
+    normal = table(position("a"), [-100.0, 0.0, 100.0], [1000.0, 0.0, 1000.0])
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0, position=-0.5),
+        Contact("c", "a", GROUND, law, normal=normal),
+        Force("a", sine(4.0, 3 / (2 * math.pi))),
+        Spring("a", GROUND, stiffness=5.0),
+    )
+    with pytest.raises(
+        SimulationError, match="'c': its normal force comes back from nearly 0 while it slides"
+    ) as caught:
+        simulate(scene, (0.0, 3.0), **options)
+    assert caught.value.t == pytest.approx(0.3745, abs=1e-3)
+    assert caught.value.result.position("a")[-1] == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("law", [Dahl(DryFriction(0.4, 0.4), 500.0), LuGre(DryFriction(0.4, 0.4), 500.0)])
+def test_bristles_are_followed_where_their_normal_force_is_0_at_rest(law: Law) -> None:
+    """With ``N = 10 |v|`` they relax at ``500 / 4 = 125 /s`` whatever the velocity: the motion is linear."""
+    normal = table(relative_velocity("c"), [-100.0, 0.0, 100.0], [1000.0, 0.0, 1000.0])
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0, position=-0.5),
+        Contact("c", "a", GROUND, law, normal=normal),
+        Spring("a", GROUND, stiffness=5.0),
+    )
+    matrix = np.array([[0.0, -5.0, -500.0], [1.0, 0.0, 0.0], [1.0, 0.0, -125.0]])
+    exact = expm(3.0 * matrix) @ [1.0, -0.5, 0.0]
+    assert simulate(scene, (0.0, 3.0)).velocity("a")[-1] == pytest.approx(exact[0], abs=1e-7)
 
 
 @pytest.mark.parametrize("stop", [3.0, 100.0])

@@ -15,7 +15,7 @@ from stickslip.model.laws.kinetic import Kinetic
 _TINY = 1e-300
 
 # Part of its largest value, at so many times, below which a normal force is nearly 0.
-_NEARLY_OPEN, _SAMPLES = 1e-4, 101
+NEARLY_OPEN, _SAMPLES = 1e-4, 101
 
 FASTEST = 1e12  # bristles relax at most at this rate in 1/s, also where the normal force vanishes
 
@@ -120,7 +120,7 @@ class BristleLaw(Law):
                 "let it start above 0, or use DryFriction"
             )
         # it rises by powers of ten within a step there: a solver takes the stiffness before for the one after
-        near = _NEARLY_OPEN * max(pressed(t) for t in [*times, *np.linspace(use.start, use.stop, _SAMPLES)])
+        near = NEARLY_OPEN * max(pressed(t) for t in [*times, *np.linspace(use.start, use.stop, _SAMPLES)])
         beyond = use.normal - near
         for t in beyond.clipped(use.start, use.stop).breaks(use.start, use.stop):
             if abs(beyond(t)) <= 1e-6 * near and beyond.slope(t) > 0:
