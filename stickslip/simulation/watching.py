@@ -63,6 +63,8 @@ class Watch:
         self._signs = [0] * len(self._events)
         # whether a quantity was roundoff at the end of the last path, and whether it crossed 0 there
         self._died, self._passed = [False] * len(self._events), [False] * len(self._events)
+        # the largest value since the quantity has left 0
+        self._largest = [0.0] * len(self._events)
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation.
@@ -135,7 +137,8 @@ class Watch:
         at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values]
         if sign and all(at_0[:2]) and not self._died[k]:
             # it stays at 0, as what has stuck does; one step alone may be too short to leave it
-            if not (self._in_steps and self._passed[k]):
+            # a sign that was told by what is roundoff here has never been one
+            if self._largest[k] > noise and not (self._in_steps and self._passed[k]):
                 found.append(Crossing(0.0, event, -sign, stays=True))
             sign = 0
         self._passed[k] = False
@@ -154,6 +157,7 @@ class Watch:
                     found.append(Crossing(tau, event, now))
                     self._passed[k] = left == len(at_0) - 1
                 sign = now
+        self._largest[k] = max(self._largest[k], float(np.abs(values).max())) if sign else 0.0
         self._signs[k], self._died[k] = sign, at_0[-1]
         return found
 

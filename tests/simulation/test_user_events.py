@@ -376,3 +376,25 @@ def test_a_touch_at_a_break_is_no_rest_however_short_the_step_behind_it(way: dic
         Force("b", sine(0.3, 1.0)),
     )
     assert simulate(scene, (0.0, 2.0), events=[When("lost", normal("c"), stop=True)], **way).status == 0
+
+
+@pytest.mark.parametrize("way", [*WAYS, *({"method": m, "rtol": 1e-10, "atol": 1e-12} for m in ("BDF", "Adams"))])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_breaks_away_over_the_corner_of_a_table_does_not_rest_at_once(side: float, way: dict[str, Any]) -> None:
+    """``N = 0.5 + 2 |w|`` has its corner where the block breaks away, at 0.05 s: its first motion ends at once."""
+    scene = Scene(
+        Body("b", inertia=0.5),
+        Contact(
+            "c",
+            "b",
+            GROUND,
+            DryFriction(0.1, 0.1),
+            normal=table(relative_velocity("c"), [-1000.0, 0.0, 1000.0], [2000.5, 0.5, 2000.5]),
+        ),
+        Force("b", piecewise_linear([0.0, 4.0], [0.0, side * 4.0])),
+        Spring("b", GROUND, stiffness=1.0),
+    )
+    result = simulate(scene, (0.0, 4.0), events=[When("rests", relative_velocity("c"), stop=True)], **way)
+    assert result.status == 0
+    assert [(e.contact, e.after) for e in result.events] == [("c", Mode(int(side)))]
+    assert result.events[0].t == pytest.approx(0.05, abs=1e-9)
