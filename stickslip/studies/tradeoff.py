@@ -186,8 +186,9 @@ def tradeoff(
         evenly and, without stops and Karnopp's law, beside all events. A callable takes a result and the
         reference result and returns a number >= 0.
     budget : float
-        Wall time in s for the whole study, shared equally by the families of calls. Calls that alone take
-        more than what is left to their family are left out, and so are costlier ones of the same family.
+        Wall time in s for all calls, after the two of the reference, shared equally by the families of calls. Calls
+        that alone take more than what is left to their family are left out, and so are costlier ones of the same
+        family. The first call is measured whatever it takes.
     progress : bool
         Show progress bars.
 
@@ -198,7 +199,7 @@ def tradeoff(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not usable, or the budget too small for a single call.
+        If an argument is not usable.
     SimulationError
         If no reference run comes to its end.
     """
@@ -213,16 +214,14 @@ def tradeoff(
     budget = finite(budget, "tradeoff: budget")
     progress = flag(progress, "tradeoff: progress")
     span = checked_span(t_span, "tradeoff")
-    deadline = clock.perf_counter() + budget
     measure = _checked(error) if callable(error) else _velocity_error(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
+    deadline = clock.perf_counter() + budget
     known = calls(scene, span, scale)
     setups = [
         Setup(call.text(span), partial(_quietly, call, scene, span), call.family, call.text(span)) for call in known
     ]
     chosen, skipped, once = _affordable(setups, budget, progress)
-    if not chosen:
-        raise ValueError(f"tradeoff: no call fits into a budget of {budget:g} s; {skipped[0].reason}; give more")
     creeping = frozenset(call.text(span) for call in known if call.creeps)
     left = deadline - clock.perf_counter()
     work = work_precision(
@@ -292,7 +291,10 @@ def reference_of(scene: Scene, span: tuple[float, float], measure: Error) -> tup
 
 
 def _affordable(setups: list[Setup], budget: float, progress: bool) -> tuple[list[Setup], list[Skipped], float]:
-    """Run every setup once; return those within their share, those left out, and the time of a round in s."""
+    """Run every setup once; return those within their share, those left out, and the time of a round in s.
+
+    The first one is never left out.
+    """
     chosen: list[Setup] = []
     skipped: list[Skipped] = []
     families = {family: list(kind) for family, kind in groupby(setups, key=lambda setup: setup.family)}
@@ -310,7 +312,7 @@ def _affordable(setups: list[Setup], budget: float, progress: bool) -> tuple[lis
                     setup.run()
                 elapsed = clock.perf_counter() - start
                 left -= elapsed
-                if elapsed <= share:
+                if elapsed <= share or setup is setups[0]:
                     chosen.append(setup)
                     once += elapsed
                     share -= elapsed
