@@ -191,11 +191,10 @@ def tolerances(
         if force > 0:
             each[state] = min(atol, _BRISTLE * force / stiffness)
     if reached is not None:
-        own = np.maximum(rtol * reached.blocks, _ROUNDOFF * reached.fed)
-        each[system.first_block :] = np.where(own > 0, np.minimum(atol, own), atol)
-        each[system.n : system.first_block] = np.minimum(
-            each[system.n : system.first_block], rtol * np.concatenate([reached.distances, reached.bristles])
-        )
+        own = rtol * np.concatenate([reached.distances, reached.bristles, reached.blocks])
+        own[system.first_block - system.n :] = np.maximum(own[system.first_block - system.n :], _ROUNDOFF * reached.fed)
+        # what has not moved tells nothing
+        each[system.n :] = np.where(own > 0, np.minimum(each[system.n :], own), each[system.n :])
     errors, levers = rtol * speeds + each[: system.n], system.abs_G
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
     relaxes = row_maxima(levers * _added_up(errors, speeds)) if margin is None else np.full(system.m, margin)
