@@ -182,7 +182,11 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         closed = closed.copy()
         closed[wrong] ^= True
         if closed.tobytes() in tried:
-            raise Inconsistent(wrong)
+            if not system.free[wrong].all():
+                raise Inconsistent(wrong)
+            # a law that never sticks has no force there either way; what only touches 0 stays closed
+            closed[wrong] = True
+            return _settled(system, segment, now, uncertainty, q, closed)
 
 
 def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:

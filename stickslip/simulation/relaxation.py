@@ -12,6 +12,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.laws.lugre import FASTEST, NEARLY_OPEN
 
+_RESTS = 1e-8  # part of the fastest velocity of a contact below which it is at rest
 _TOO_MUCH = 1e-4  # part of the impulse of their level by which that of bristles may be larger
 
 
@@ -58,7 +59,7 @@ class Relaxation:
         self._fastest = np.maximum(self._fastest, speed.max(axis=1))
         near = NEARLY_OPEN * self._pressing[:, None] * speed
         returns = (normals * self._fastest[:, None] < near)[:, :-1] & (np.diff(normals) > 0)
-        returns &= self._pressed[:, None]
+        returns &= self._pressed[:, None] & (speed > _RESTS * self._fastest[:, None])[:, :-1]
         if not returns.any():
             return
         place, k = (int(one[0]) for one in returns.T.nonzero())
