@@ -72,7 +72,7 @@ class Inputs:
         q = self.loads(tau)
         if self.dependence is not None:
             y = self.exact(tau, y)
-            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.table_regions)
+            self.dependence.fill(q, y, self.t + tau, tau, self.friction_of, wanted, self.table_regions)
         if not self.system.dwelling.size:
             return q
         full = np.zeros((self.system.inputs_and_dwells, *q.shape[1:]))
@@ -180,7 +180,7 @@ class Inputs:
         dependence = self.dependence
         assert dependence is not None
         q = self.inputs(tau, y)
-        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.table_regions)
+        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self.friction_of, self.table_regions)
         if self._rising.size:
             decay = np.exp(-(self._age + self._rate * tau))
             found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
@@ -365,7 +365,9 @@ class Inputs:
     def _slopes_by_arguments(self) -> list[Array]:
         assert self.dependence is not None
         y = self.exact(0.0, self.y)
-        return self.dependence.slopes_by_arguments(self.start_inputs, y, self.t, 0.0, self, self.table_regions)
+        return self.dependence.slopes_by_arguments(
+            self.start_inputs, y, self.t, 0.0, self.friction_of, self.table_regions
+        )
 
 
 class Linked:

@@ -444,13 +444,13 @@ class System:
         return after
 
     def observed_values(
-        self, q: Array, y: Array, sizes: tuple[Array, Array], t: Array, taus: Array, motion: Friction
+        self, q: Array, y: Array, sizes: tuple[Array, Array], t: Array, taus: Array, friction: Friction
     ) -> tuple[Array, Array]:
         """Return the observed quantities at many times, a line each, and what adds up in them.
 
         `sizes` are what adds up in the inputs and in the states, columns or one column for all times.
         """
-        self._only_observed.fill(q, y, t, taus, motion)
+        self._only_observed.fill(q, y, t, taus, friction)
         of_inputs = self._only_observed.sizes_of_tables(np.maximum(np.abs(q), sizes[0]), sizes[1])
         return self._observed.at(y, q), self._observed.sizes(sizes[1], of_inputs)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.guards.values import AT_BAND
+from stickslip.equations.loads.dependence import Friction
 from stickslip.equations.loads.loads import Loads, Segment, TableRegions
-from stickslip.equations.mode_equations import APART, FREE, OPEN, ModeEquations, equations_in
+from stickslip.equations.mode_equations import APART, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.collapse import pressed_together
@@ -209,29 +210,21 @@ def inputs_before(system: System, segment: Segment, now: Situation, regions: Tab
     q = segment.at(now.t)
     if system.dependence is None:
         return q
-    friction = None
+    friction: Friction | None = None
     if system.dependence.has_heat:
         w, rough = _relative(system, now.y, now.was, now.t, q)
         rests = (np.abs(w) <= rough) | _within_band(system, now, w, rough) & (now.labels is None)
         none = np.zeros(system.m, dtype=bool)
         modes = _tried_first(system, np.where(rests, 0, np.sign(w)).astype(np.int8), w, now, ~none, none)
         regions_of_rows = system.piecewise.at(now.y, q, now.regions)
-        friction = _Friction(equations_in(modes, system, regions_of_rows), now.t - now.since)
+        equations = equations_in(modes, system, regions_of_rows)
+
+        def friction(row: int, w: float, normal: float, tau: float, y: Array) -> float:
+            held = float(now.t - now.since[row])
+            return equations.friction_of(row, w, normal, held + tau, y) if normal > 0 else 0.0
+
     system.dependence.fill(q, now.y, now.t, 0.0, friction, regions=regions)
     return q
-
-
-class _Friction(NamedTuple):
-    """What friction rows have in some modes, which follow from their velocities alone."""
-
-    equations: ModeEquations
-    ages: Array  # (m,): for how long rows are held, in s
-
-    def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
-        """Return the force of one row, 0 where it is held or nothing presses it."""
-        if normal <= 0:
-            return 0.0
-        return self.equations.friction_of(row, w, normal, float(self.ages[row]) + tau, y)
 
 
 def _settled(

@@ -274,7 +274,7 @@ class Trajectory(PickledByFields):
             return found
         for number, chosen in by_piece(piece_of):
             part, motion = found[:, chosen], self.motion(number)
-            dependence.fill(part, y[:, chosen], t[chosen], taus[chosen], motion)
+            dependence.fill(part, y[:, chosen], t[chosen], taus[chosen], motion.friction_of)
             found[:, chosen] = part
         return found
 

@@ -99,7 +99,7 @@ class Watch:
                 q = np.zeros((system.inputs, t.size))
                 q[-1] = 1.0
             sizes += gained[:, None]
-            return system.observed_values(q, y, (at_start[: system.inputs, None], sizes), t, since, motion)
+            return system.observed_values(q, y, (at_start[: system.inputs, None], sizes), t, since, motion.friction_of)
 
         return self._between(np.array([0.0, end - begin]), values)
 
@@ -198,7 +198,7 @@ class Watch:
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
         sizes = np.zeros(1), np.abs(y) + gained[:, None]
-        return self._system.observed_values(q, y, sizes, motion.t + taus, taus, motion)
+        return self._system.observed_values(q, y, sizes, motion.t + taus, taus, motion.friction_of)
 
 
 def _last_known(values: Callable[[Array], tuple[Array, Array]], end: float) -> float:

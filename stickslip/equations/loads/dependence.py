@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy
@@ -19,12 +19,9 @@ from stickslip.model.arrays import Array, Indices
 _CANCELLED = 1e-14  # part of what adds up in a sum below which it is roundoff
 _KEPT = 16  # values of a function that are remembered: the solver and its guards ask for the same ones
 
-
-class Friction(Protocol):
-    """What tells the friction force of a moving row."""
-
-    def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
-        """Return the force of one row at local time `tau`, 0 where it is held."""
+# The friction force of a row, 0 where it is held, from its number, its relative velocity and normal force, the local
+# time and the state.
+Friction = Callable[[int, float, float, float, Array], float]
 
 
 @dataclass(frozen=True)
@@ -403,7 +400,7 @@ def _power(node: Node, x: Array, tau: float, y: Array, friction: Friction | None
     w, normal = x.tolist()
     if friction is None or not w:
         return 0.0
-    return float(w) * friction.friction_of(node.row, w, max(normal, 0.0), tau, y)
+    return float(w) * friction(node.row, w, max(normal, 0.0), tau, y)
 
 
 def _power_of(force: Callable[[float, float], float]) -> Callable[[float, float], float]:
