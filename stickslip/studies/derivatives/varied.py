@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.matrices import dense
-from stickslip.equations.path import values
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -35,9 +34,13 @@ class VariedPiece:
             return np.zeros((c.shape[2], taus.size, c.shape[3]))
         i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, c.shape[0] - 1)
         h = self.taus[i + 1] - self.taus[i]
-        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)
-        found = values(c.reshape(*c.shape[:2], -1), i, s, False).reshape(taus.size, *c.shape[2:])
-        return np.asarray(np.where(taus[:, None] < self.until, np.moveaxis(found, 0, 1), np.nan))
+        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)[:, None, None]
+        found = c[i, -1].copy()
+        for j in range(c.shape[1] - 2, -1, -1):
+            found *= s
+            found += c[i, j]
+        found = np.moveaxis(found, 0, 1)
+        return np.asarray(np.where(taus[:, None] < self.until, found, np.nan))
 
 
 @dataclass(frozen=True)
