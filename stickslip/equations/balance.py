@@ -334,9 +334,9 @@ class _Component:
         self.loop = np.full(h, -1)
         self.parting: Array | None = None
         if done < h:
-            self._least_norm(inertia, D if alike is None else D @ alike, work[done:, last:], scale)
+            self._least_norm(inertia, G, D if alike is None else D @ alike, work[done:, last:], scale)
 
-    def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
+    def _least_norm(self, inertia: Array, G: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
         links = np.abs(null) > _ZERO
         number = np.unique(joined(links), return_inverse=True)[1]
@@ -354,10 +354,13 @@ class _Component:
         self.S = _difference(self.S, free @ (scale[:, None] * self.S) / scale[:, None], spread)
         if D.any():
             off = null @ D
-            off[np.abs(off) <= _ZERO] = 0.0
+            off[np.abs(off) <= _ZERO * np.maximum(np.abs(null) @ np.abs(D), 1.0)] = 0.0
             if off.any():
-                stiff = _RIGID * (float(inertia.sum()) or 1.0)
-                self.parting = stiff * (null.T @ gram @ off)
+                # what is not of a loop makes it no stiffer
+                of_loop = np.array([links[number == k].any(axis=0) for k in range(number.max() + 1)])
+                stiff = _RIGID * ((of_loop @ np.abs(G) > 0) @ inertia)
+                stiff[stiff == 0] = _RIGID
+                self.parting = null.T @ gram @ (stiff[number][:, None] * off)
 
 
 def _difference(a: Array, b: Array, size: Array | None = None) -> Array:

@@ -23,6 +23,8 @@ from stickslip.events.search import Search
 from stickslip.events.situation import Inconsistent, Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
+_OF_PHASE = 1e-3  # part of the amplitude of a sine whose roundoff it has where it is 0
+
 
 @dataclass(frozen=True)
 class Settled:
@@ -75,7 +77,7 @@ def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, o
         # it has not left its rest: its velocity is the roundoff of its forces, whatever other speeds are
         return True
     moves = (np.abs(modes) == 1) | is_open | others
-    w, rough = _relative(motion.system, y, largest, t, q)
+    w, rough = _relative(motion.system, motion.segment, y, largest, t, q)
     if last.guards.velocity_uncertainty is not None:
         rough = np.maximum(rough, last.guards.velocity_uncertainty)
     return bool(np.count_nonzero(moves & (np.abs(w) <= rough)))
@@ -197,7 +199,7 @@ def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:
     segment = loads.after(now.t)
     q = inputs_before(system, segment, now, segment.table_regions)
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
-    w, rough = _relative(system, now.y, now.was, now.t, q)
+    w, rough = _relative(system, segment, now.y, now.was, now.t, q)
     closed = _closed(system, segment, now.t, q)
     return _at_rest_in_bands(system, now, w, rough, closed, at_stop, system.drive_velocities(q))
 
@@ -212,7 +214,7 @@ def inputs_before(system: System, segment: Segment, now: Situation, regions: Tab
         return q
     friction: Friction | None = None
     if system.dependence.has_heat:
-        w, rough = _relative(system, now.y, now.was, now.t, q)
+        w, rough = _relative(system, segment, now.y, now.was, now.t, q)
         rests = (np.abs(w) <= rough) | _within_band(system, now, w, rough) & (now.labels is None)
         none = np.zeros(system.m, dtype=bool)
         modes = _tried_first(system, np.where(rests, 0, np.sign(w)).astype(np.int8), w, now, ~none, none)
@@ -245,11 +247,11 @@ def _settled(
         # bristles that nothing presses straighten at once
         now = now._replace(y=now.y.copy())
         now.y[straight] = 0.0
-    w, rough = _relative(system, now.y, now.was, now.t, q)
+    w, rough = _relative(system, segment, now.y, now.was, now.t, q)
     u = system.drive_velocities(q)
     if system.has_dead_bands:
         now = _at_rest_in_bands(system, now, w, rough, closed, at_stop, u)
-        w, rough = _relative(system, now.y, now.was, now.t, q)
+        w, rough = _relative(system, segment, now.y, now.was, now.t, q)
     # a law that does not stick has no rest but where it carries no force
     resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
@@ -404,11 +406,11 @@ def _closed(system: System, segment: Segment, t: float, q: Array) -> Mask:
     return np.asarray(presses & system.alive)
 
 
-def _relative(system: System, y: Array, was: Array | None, t: float, q: Array) -> tuple[Array, Array]:
+def _relative(system: System, segment: Segment, y: Array, was: Array | None, t: float, q: Array) -> tuple[Array, Array]:
     """Return each row's relative velocity and the roundoff of the largest speed that adds up in it.
 
     What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
-    drive accelerates, whatever its speed is at the moment.
+    drive accelerates, whatever its speed is at the moment, and a sine that is 0 has that of its phase.
     """
     n = system.n
     speed = np.abs(y[:n])
@@ -418,6 +420,8 @@ def _relative(system: System, y: Array, was: Array | None, t: float, q: Array) -
     found = _largest(system.abs_G, speed)
     if system.drives:
         u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * t)
+        if segment.has_sines:
+            u += _OF_PHASE * system.drive_velocities(np.abs(segment.amplitudes))
         largest = max(largest, float(u.max()))
         found = np.maximum(found, _largest(system.abs_D, u))
     return system.relative_velocity(y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)

@@ -190,6 +190,9 @@ class Run:
         velocities, distances, bristles, moved = np.split(self._moved, ends)
         blocks = np.where(moved > 0, moved + np.abs(self._first[system.first_block :]), 0.0)
         blocks[system.clocked - system.first_block] = 0.0
+        if system.dependence is not None and not system.dependence.is_linear:
+            # what adds up within a function is not known
+            blocks[:] = 0.0
         pushed = self._pushed * duration
         return Reached(
             velocities, distances, bristles, blocks, float(pushed[: system.n].max()), pushed[system.first_block :]

@@ -53,7 +53,7 @@ class Reached:
     velocities: Array  # (n,): the fastest of each body in m/s or rad/s
     distances: Array  # (n,): how far each body was from its start in m or rad
     bristles: Array  # (b,): largest deflections in m or rad
-    blocks: Array  # largest sizes of the states of blocks that a solver integrates, 0 for others
+    blocks: Array  # largest sizes of the states of blocks that a solver integrates, 0 where their roundoff is not known
     pushed: float  # what adds up in accelerations, times the time span, in m/s or rad/s
     fed: Array  # what adds up in the rates of the states of blocks, times the time span
 
@@ -159,7 +159,7 @@ def tolerances(
     Where that is too small for double precision it is refused.
     """
     speed, frequency, is_guess = _speed(system, start, stop)
-    if reached is not None:
+    if reached is not None and is_guess:
         speed = float(reached.velocities.max(initial=0.0))
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
@@ -172,10 +172,10 @@ def tolerances(
             if rtol < _FINEST:
                 raise _unresolved(system, finest, speed, resolution)
     has_errors = not (is_exact or method.takes_steps)
-    if reached is None:
-        speeds, guessed = _speeds(system, start, stop, speed, is_guess)
-    else:
-        speeds, guessed = system.transmission.handed_on(reached.velocities), np.zeros(system.n, dtype=bool)
+    speeds, guessed = _speeds(system, start, stop, speed, is_guess)
+    if reached is not None:
+        speeds = np.where(guessed, system.transmission.handed_on(reached.velocities), speeds)
+        guessed = np.zeros(system.n, dtype=bool)
     each = np.full(system.size, atol)
     each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
     if speed > 0:

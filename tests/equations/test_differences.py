@@ -50,6 +50,13 @@ def test_a_step_fits_the_argument(
     assert found[0, 0] == pytest.approx(slope(x), rel=1e-4)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-5, 1e-6, 2e-7, 1e-8, 1e-12])
+def test_the_unit_of_an_argument_does_not_matter(size: float) -> None:
+    """``tanh(x / s)`` at 0.7 s has the slope ``1 / (s cosh(0.7)^2)``."""
+    found = differences(lambda a: np.array([math.tanh(a[0] / size)]), np.array([0.7 * size]), np.tanh([0.7]))
+    assert found[0, 0] * size == pytest.approx(1 / math.cosh(0.7) ** 2, rel=1e-6)
+
+
 def test_a_fault_with_rate_and_state_slips_in_events() -> None:
     # Dieterich and Ruina with the ageing law, half as stiff as critical: mu = a asinh(v / (2 V0) exp(...)); velocities
     # from 2e-11 to 1e-2 m/s. Held against LSODA on the same equations

@@ -27,6 +27,22 @@ def test_a_signal_and_its_multiple_are(base: Signal, factor: float) -> None:
 
 
 @pytest.mark.parametrize(
+    ("one", "other", "factor"),
+    [
+        (sine(0.3, 1.0, 0.4) + sine(0.2, 2.0), sine(0.2, 2.0) + sine(0.3, 1.0, 0.4), 1.0),
+        ((sine(0.3, 1.0) + 0.7) + FUNCTION, FUNCTION + (sine(0.3, 1.0) + 0.7), 1.0),
+        (sine(0.3, 1.0) + (FUNCTION + 0.7), 2 * ((sine(0.3, 1.0) + FUNCTION) + 0.7), 2.0),
+        (sine(0.3, 1.0, 0.4), sine(0.3, 1.0, 0.4 + math.pi), -1.0),
+        (sine(0.3, 1.0), sine(-0.3, 1.0, 2 * math.pi), -1.0),
+        (sine(0.3, 1.0, -0.7) + 0.1, sine(-0.6, 1.0, -0.7 - 3 * math.pi) + 0.2, 2.0),
+        (sine(0.3, 1.0), sine(0.1, 1.0) + sine(0.2, 1.0), 1.0),
+    ],
+)
+def test_signals_are_however_they_are_written(one: Signal, other: Signal, factor: float) -> None:
+    assert in_proportion([one, other])[1] == (0, pytest.approx(factor, rel=1e-14))
+
+
+@pytest.mark.parametrize(
     "pair",
     [
         (sine(1.0, 2.0), sine(1.0, 2.0, 0.1)),

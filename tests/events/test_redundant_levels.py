@@ -408,3 +408,25 @@ def test_what_else_moves_does_not_matter_between_drives_that_move_alike(formulat
         assert [e.t for e in result.events[-2:]] == pytest.approx([released] * 2, abs=1e-9)
         half = math.sin(4 * math.pi * 0.55 + 2) - math.pi * math.cos(2 * math.pi * 0.55)
         assert [result.sample([0.55]).force(row)[0] for row in ("c", "o")] == pytest.approx([half, half], abs=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize(
+    "other", [-1 * sine(0.3, 1.0, math.pi), sine(0.3, 1.0, 2 * math.pi), sine(0.1, 1.0) + sine(0.2, 1.0)]
+)
+def test_drives_of_one_velocity_however_it_is_written(other: Signal, options: dict[str, Any]) -> None:
+    """A block at rest on both sticks from the start, at which one of them has a velocity of 4e-17 m/s, not 0."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("one", velocity=sine(0.3, 1.0)),
+        Drive("other", velocity=other),
+        Contact("c", "b", "one", LAW, normal=10.0),
+        Contact("e", "b", "other", LAW, normal=20.0),
+        Force("b", piecewise_linear([0.0, 1.0], [0.0, 0.8])),
+    )
+    times = np.linspace(0.0, 1.0, 21)
+    result = simulate(scene, (0.0, 1.0), t_eval=times, **options)
+    assert not result.events
+    half = 0.5 * (0.8 * times - 0.6 * math.pi * np.cos(2 * math.pi * times))
+    for contact in ("c", "e"):
+        assert result.force(contact) == pytest.approx(half, abs=1e-9)

@@ -446,3 +446,22 @@ def test_a_dead_band_may_open_its_own_contact(options: dict[str, Any]) -> None:
     assert [e.after for e in result.events] == [Mode.BACKWARD]
     assert result.events[0].t == pytest.approx(stops, abs=3e-9)
     assert result.velocity("b")[-1] == pytest.approx(-(0.2 - stops), abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("speed", "options"), [(3e-11, {}), (1e-9, {"rtol": 1e-6, "atol": 1e-8}), (5e-8, {"rtol": 1e-5, "atol": 1e-7})]
+)
+def test_a_second_run_for_small_states_of_blocks_keeps_slow_drives_in_view(
+    speed: float, options: dict[str, Any]
+) -> None:
+    """A plate creeps over a block that the floor holds, and rubs with 0.2 N for ever; a filter has tiny states."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("plate", velocity=speed),
+        Contact("rubs", "b", "plate", DryFriction(0.3, 0.2), normal=1.0),
+        Contact("floor", "b", GROUND, DryFriction(0.5, 0.5), normal=10.0),
+        StateSpace("filter", [[-0.01]], [[-1e-6]], [[1.0]], inputs=[relative_velocity("rubs")]),
+    )
+    result = simulate(scene, (0.0, 60.0), method="BDF", **options)
+    assert not result.events
+    assert result.force("rubs")[-1] == pytest.approx(-0.2, rel=1e-12)

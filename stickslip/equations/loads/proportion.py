@@ -2,41 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections.abc import Hashable, Iterator, Sequence
 
-from stickslip.model.signals import Function, PiecewiseLinear, Signal, Sine, Sum
+from stickslip.model.signals import Constant, Function, PiecewiseLinear, Signal, Sine, Sum
 
-_DIGITS = 13  # to which ratios of numbers are compared: quotients have roundoff
+_DIGITS = 13  # to which phases, and ratios of numbers, are compared: they have roundoff
 
 
 def in_proportion(signals: Sequence[Signal]) -> list[tuple[int, float]]:
     """Return for each signal the first one that it is always in proportion to, and the factor; else itself, and 1."""
-    seen: dict[Signal, tuple[int, float]] = {}
+    seen: dict[Hashable, tuple[int, float]] = {}
     found = []
     for k, signal in enumerate(signals):
-        unit, size = _unit(signal)
         try:
-            first, first_size = seen.setdefault(unit, (k, size))
+            shape, size = _shape(signal)
         except TypeError:
             # a function that has no hash
-            first, first_size = k, size
+            shape, size = k, 1.0
+        first, first_size = seen.setdefault(shape, (k, size))
         found.append((first, size / first_size))
     return found
 
 
-def _unit(signal: Signal) -> tuple[Signal, float]:
-    """Return a signal over its size, and that size: signals in proportion have the same one."""
+def _shape(signal: Signal) -> tuple[Hashable, float]:
+    """Return what signals in proportion have in common, and the size of this one."""
+    sums: dict[Hashable, float] = {}
+    for atom, factor in _atoms(signal):
+        sums[atom] = sums.get(atom, 0.0) + factor
+    largest = max(map(abs, sums.values()), default=0.0)
+    some = {atom: factor for atom, factor in sums.items() if round(factor / (largest or 1.0), _DIGITS)}
+    if not some:
+        return None, 1.0
+    size = some[min(some, key=hash)]
+    return frozenset((atom, round(factor / size, _DIGITS)) for atom, factor in some.items()), size
+
+
+def _atoms(signal: Signal) -> Iterator[tuple[Hashable, float]]:
+    """Yield what a signal is the sum of, each with its factor."""
     match signal:
-        case Sine(amplitude, frequency, phase, offset) if amplitude:
-            return Sine(1.0, frequency, phase, round(offset / amplitude, _DIGITS)), amplitude
+        case Sum(terms):
+            for term in terms:
+                yield from _atoms(term)
+        case Constant(value):
+            yield "one", value
+        case Sine(amplitude, frequency, phase, offset):
+            # half a turn changes the sign
+            turns = round(phase / math.pi)
+            yield ("sine", frequency, round(phase - turns * math.pi, _DIGITS)), -amplitude if turns % 2 else amplitude
+            yield "one", offset
         case PiecewiseLinear(times, values) if any(values):
             size = next(v for v in values if v)
-            return PiecewiseLinear(times, tuple(round(v / size, _DIGITS) for v in values)), size
-        case Function(factor=factor) if factor:
-            return replace(signal, factor=1.0), factor
-        case Sum(terms):
-            units = [_unit(term) for term in terms]
-            size = units[0][1]
-            return Sum(tuple(unit.scaled(round(own / size, _DIGITS)) for unit, own in units)), size
-    return signal, 1.0
+            yield ("lines", times, tuple(round(v / size, _DIGITS) for v in values)), size
+        case Function(function=function, factor=factor):
+            yield ("function", function, signal.break_times, signal.limits), factor
+        case _:
+            yield signal, 1.0

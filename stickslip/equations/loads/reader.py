@@ -22,11 +22,12 @@ from stickslip.model.signals import Constant, Load, Signal
 
 _Found = TypeVar("_Found")
 Key = tuple[str, int, int]  # kind of an input, its number, and for functions which of their values
-_STEP, _SMALL = 1e-5, 1e-3  # differences are this part of an argument, or of a small number
+# Differences are this part of an argument, or of a small number; where a function bends within that, another part of it.
+_STEP, _SMALL, _FINE = 1e-5, 1e-3, 1e-4
 
 # Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
 # part of a slope by which it must differ from that over a larger step.
-_TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-2
+_TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-6
 
 
 @dataclass
@@ -83,9 +84,9 @@ def differences(function: Callable[[Array], Array], arguments: Array, value: Arr
     a part of it where the function tells such steps apart, and bends within a step that is a part of a larger number.
     """
 
-    def along(k: int, size: float) -> tuple[Array, Array]:
+    def along(k: int, step: float) -> tuple[Array, Array]:
         near, far = arguments.copy(), arguments.copy()
-        near[k] += _STEP * size
+        near[k] += step
         h = near[k] - arguments[k]
         far[k] = arguments[k] + 2 * h
         change = 4 * (function(near) - value) - (function(far) - value)
@@ -93,9 +94,10 @@ def differences(function: Callable[[Array], Array], arguments: Array, value: Arr
 
     found = np.empty((value.size, arguments.size))
     for k, size in enumerate(np.abs(arguments).tolist()):
-        found[:, k], _ = along(k, max(size, _SMALL))
-        if _TINY < size < _SMALL:
-            fine, change = along(k, size)
+        step = _STEP * max(size, _SMALL)
+        found[:, k], _ = along(k, step)
+        if _TINY < size < step / _FINE:
+            fine, change = along(k, _FINE * size)
             bends = np.abs(fine - found[:, k]) > _BENDS * np.abs(fine)
             found[:, k] = np.where(bends & (change > _TOLD * np.abs(value)), fine, found[:, k])
     return found
