@@ -430,3 +430,23 @@ def test_drives_of_one_velocity_however_it_is_written(other: Signal, options: di
     half = 0.5 * (0.8 * times - 0.6 * math.pi * np.cos(2 * math.pi * times))
     for contact in ("c", "e"):
         assert result.force(contact) == pytest.approx(half, abs=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
+@pytest.mark.parametrize("heavy", [None, 3e3, 1e6])
+def test_heavy_bodies_elsewhere_keep_nothing_stuck(heavy: float | None, options: dict[str, Any]) -> None:
+    """Two belts part until 2 s and are one from then on; 1 kg lets go of both at the sum of their levels, 6 N."""
+    beside = [] if heavy is None else [Body("far", inertia=heavy, velocity=1.0)]
+    scene = Scene(
+        Body("b", inertia=1.0),
+        *beside,
+        Drive("one", velocity=piecewise_linear([0.0, 2.0, 4.0], [0.0, 0.25, 0.0])),
+        Drive("other", velocity=piecewise_linear([0.0, 1.0, 2.0, 4.0], [0.0, -0.25, 0.25, 0.0])),
+        Contact("c", "b", "one", LAW, normal=10.0),
+        Contact("e", "b", "other", LAW, normal=10.0),
+        Force("b", piecewise_linear([2.0, 4.0], [0.0, 12.0])),
+    )
+    result = simulate(scene, (0.0, 4.0), **options)
+    # F - m u' comes to 6 N where u' = -0.125
+    assert [(e.contact, e.after) for e in result.events if e.t > 2.5] == [("c", 1), ("e", 1)]
+    assert [e.t for e in result.events if e.t > 2.5] == pytest.approx([2.0 + 5.875 / 6] * 2, abs=1e-7)

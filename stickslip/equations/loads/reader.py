@@ -22,7 +22,7 @@ from stickslip.model.signals import Constant, Load, Signal
 
 _Found = TypeVar("_Found")
 Key = tuple[str, int, int]  # kind of an input, its number, and for functions which of their values
-# Differences are this part of an argument, or of a small number; where a function bends within that, another part of it.
+# Differences are this part of an argument, or of a small number; where a function bends within that, another part.
 _STEP, _SMALL, _FINE = 1e-5, 1e-3, 1e-4
 
 # Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
