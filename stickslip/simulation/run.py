@@ -195,7 +195,12 @@ class Run:
             blocks[:] = 0.0
         pushed = self._pushed * duration
         return Reached(
-            velocities, distances, bristles, blocks, float(pushed[: system.n].max()), pushed[system.first_block :]
+            velocities,
+            distances,
+            bristles,
+            blocks,
+            float(pushed[: system.n].max(initial=0.0)),
+            pushed[system.first_block :],
         )
 
     def _path(self, now: Settled) -> tuple[Path, list[int]]:

@@ -34,7 +34,8 @@ def _shape(signal: Signal) -> tuple[Hashable, float]:
     some = {atom: factor for atom, factor in sums.items() if round(factor / (largest or 1.0), _DIGITS)}
     if not some:
         return None, 1.0
-    size = some[min(some, key=hash)]
+    # the same one in every process
+    size = some[min(some, key=repr)]
     return frozenset((atom, round(factor / size, _DIGITS)) for atom, factor in some.items()), size
 
 
