@@ -39,7 +39,7 @@ class Balance:
 
     `G` and `D` are the coefficients of the held rows on the free bodies and on the drives. ``component(some)`` returns
     the component that some of these rows form, where many are known. Coefficients on drives times `alike` are those on
-    the first of each set of drives that always move in proportion; None where no two do.
+    the drives of whose velocities all others are sums; None where none is.
 
     Attributes
     ----------

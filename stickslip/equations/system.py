@@ -19,8 +19,8 @@ from stickslip.equations.algebra.matrices import Triplets
 from stickslip.equations.balance import Balance, Components
 from stickslip.equations.loads.dependence import Dependence, Forms, Friction
 from stickslip.equations.loads.loads import Loads
-from stickslip.equations.loads.proportion import in_proportion
 from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
+from stickslip.equations.loads.sums import made_of_others
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.transmission import Transmission
 from stickslip.model.arrays import Array, Indices, Mask
@@ -58,7 +58,7 @@ class System:
     G, D : array or sparse (m, n), (m, drives)
         Coefficients of the rows on bodies and drives.
     alike : array or sparse (drives, drives), or None
-        Coefficients on drives times this are those on the first of each set of drives that always move in proportion.
+        Coefficients on drives times this are those on the drives of whose velocities all others are sums.
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
     push_C, push_Q : array or sparse (n, size), (n, inputs)
@@ -258,10 +258,11 @@ class System:
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
     def _alike(self, velocities: Sequence[Signal]) -> Any:
-        """Return the map from drives to the first of those that always move in proportion; None if no two do."""
+        """Return the map from drives to those of whose velocities theirs are sums; None if none is a sum of others."""
         entries = Triplets()
-        for k, (first, ratio) in enumerate(in_proportion(velocities)):
-            entries.add(k, first, ratio)
+        for k, factors in enumerate(made_of_others(velocities)):
+            for i, factor in factors.items():
+                entries.add(k, i, factor)
         shape = self.drives, self.drives
         return None if entries.columns == [*range(self.drives)] else self.matrix(entries, shape)
 

@@ -24,6 +24,7 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Tie,
     piecewise_linear,
     simulate,
     sine,
@@ -450,3 +451,34 @@ def test_heavy_bodies_elsewhere_keep_nothing_stuck(heavy: float | None, options:
     # F - m u' comes to 6 N where u' = -0.125
     assert [(e.contact, e.after) for e in result.events if e.t > 2.5] == [("c", 1), ("e", 1)]
     assert [e.t for e in result.events if e.t > 2.5] == pytest.approx([2.0 + 5.875 / 6] * 2, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"method": "BDF"}, {"method": "Adams", "formulation": "merged"}, {"formulation": "multiplier"}]
+)
+@pytest.mark.parametrize("far", [1.0, 1e3])
+def test_a_drive_that_moves_as_the_sum_of_two_tears_nothing(far: float, options: dict[str, Any]) -> None:
+    """Three bodies with ``v2 = v0 + v1`` on three drives of such velocities: four rows share what three bodies need."""
+    one, other = sine(0.3, 1.0, 0.4), piecewise_linear([0.0, 0.7, 2.0], [0.0, 0.5, -0.4])
+    velocities: tuple[Signal, ...] = (one, other, one + other)
+    pushes = (sine(1.0, 0.7), 0.5, piecewise_linear([0.0, 2.0], [-1.0, 1.0]))
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0 + i, velocity=u(0.0)) for i, u in enumerate(velocities)),
+        Body("far", inertia=far),
+        *(Drive(f"d{i}", velocity=u) for i, u in enumerate(velocities)),
+        *(Contact(f"c{i}", f"b{i}", f"d{i}", LAW, normal=100.0) for i in range(3)),
+        Tie("tie", {"b0": 1.0, "b1": 1.0, "b2": -1.0}),
+        *(Force(f"b{i}", push) for i, push in enumerate(pushes)),
+    )
+    times = np.array([0.1, 0.5, 1.1, 1.7])
+    result = simulate(scene, (0.0, 2.0), t_eval=times, **options)
+    assert not result.events
+    rows = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, -1.0]])
+    for k, t in enumerate(times):
+        need = [
+            (push if isinstance(push, float) else push(t)) - (1 + i) * u.slope(t)
+            for i, (push, u) in enumerate(zip(pushes, velocities, strict=True))
+        ]
+        shares = np.linalg.pinv(rows.T) @ need
+        found = [result.force(row)[k] for row in ("c0", "c1", "c2", "tie")]
+        assert found == pytest.approx(shares, abs=1e-7)
