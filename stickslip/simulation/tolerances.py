@@ -191,8 +191,8 @@ def tolerances(
         if force > 0:
             each[state] = min(atol, _BRISTLE * force / stiffness)
     if reached is not None:
-        own = rtol * np.concatenate([reached.distances, reached.bristles, reached.blocks])
-        own[system.first_block - system.n :] = np.maximum(own[system.first_block - system.n :], _ROUNDOFF * reached.fed)
+        blocks = np.maximum(rtol * reached.blocks, _ROUNDOFF * reached.fed) * (reached.blocks > 0)
+        own = np.concatenate([rtol * reached.distances, rtol * reached.bristles, blocks])
         # what has not moved tells nothing
         each[system.n :] = np.where(own > 0, np.minimum(each[system.n :], own), each[system.n :])
     errors, levers = rtol * speeds + each[: system.n], system.abs_G

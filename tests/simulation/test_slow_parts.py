@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -294,3 +295,21 @@ def test_a_part_that_only_a_signal_moves_moves_as_alone(method: str) -> None:
     assert [event.after for event in beside.events] == [event.after for event in alone.events]
     assert beside.events[0].t == pytest.approx(math.sqrt(0.3), abs=1e-8)
     assert beside.velocity("slide")[-1] == pytest.approx(alone.velocity("slide")[-1], abs=1e-7)
+
+
+def test_a_state_whose_roundoff_is_not_known_makes_no_run_longer() -> None:
+    """A pulse of 1e-8 s makes the run again: its 1 N let expect more. A block adds up ``sin^2 + cos^2 - 1``."""
+
+    def scene(*more: Block) -> Scene:
+        pulse = piecewise_linear([1.0, 1.0, 1.0 + 1e-8, 1.0 + 1e-8], [0.0, 1.0, 1.0, 0.0])
+        rubs = Contact("c", "a", GROUND, DryFriction(0.3, 0.2, stribeck_velocity=1e-9), normal=1e-9)
+        return Scene(Body("a", inertia=1.0), rubs, Damper("a", GROUND, damping=1.0), Force("a", pulse), *more)
+
+    def nothing(t: float, x: Any, u: Any) -> list[float]:
+        angle = 3e8 * u[0]
+        return [math.sin(angle) ** 2 + math.cos(angle) ** 2 - 1]
+
+    block = Block("noise", inputs=[velocity("a")], states=[0.0], derivative=nothing)
+    with_block, without = (simulate(one, (0.0, 3.0)) for one in (scene(block), scene()))
+    assert with_block.stats["steps"] < 1.5 * without.stats["steps"]
+    assert with_block.velocity("a")[-1] == pytest.approx(without.velocity("a")[-1], abs=1e-14)
