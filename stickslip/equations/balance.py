@@ -38,8 +38,8 @@ class Balance:
     """Accelerations and held forces of one set of held rows.
 
     `G` and `D` are the coefficients of the held rows on the free bodies and on the drives. ``component(some)`` returns
-    the component that some of these rows form, where many are known. Coefficients on drives times `alike` are those on
-    the drives of whose velocities all others are sums; None where none is.
+    the component that some of these rows form, where many are known. ``independent(coefficients)`` are coefficients on
+    drives as those on the ones of whose velocities all others are sums.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Balance:
         G: Any,
         D: Any,
         component: Callable[[Indices], _Eliminated] | None = None,
-        alike: Any = None,
+        independent: Callable[[Array], Array] = np.asarray,
     ) -> None:
         self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
@@ -71,9 +71,9 @@ class Balance:
         self._large: list[tuple[Indices, _Tree]] = []
         if self._is_sparse:
             G, D = G.tocsr(), D.tocsr()
-            self._eliminate_many(G, D, component or Components(inertia, G, D, alike).component)
+            self._eliminate_many(G, D, component or Components(inertia, G, D, independent).component)
         else:
-            part = _Component(inertia, G, D, alike)
+            part = _Component(inertia, G, D, independent)
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
             self._S = part.S
             self.parting, self.loop = part.parting, part.loop
@@ -224,8 +224,8 @@ class Balance:
 class Components:
     """The connected components that some of a scene's rows form, eliminated; from one event to the next few change."""
 
-    def __init__(self, inertia: Array, G: Any, D: Any, alike: Any = None) -> None:
-        self._inertia, self._G, self._D, self._alike = inertia, G, D, alike
+    def __init__(self, inertia: Array, G: Any, D: Any, independent: Callable[[Array], Array] = np.asarray) -> None:
+        self._inertia, self._G, self._D, self._independent = inertia, G, D, independent
         self._remembered = lru_cache(maxsize=_REMEMBERED)(self._eliminated)
 
     def component(self, rows: Indices) -> _Eliminated:
@@ -236,7 +236,7 @@ class Components:
         rows = np.frombuffer(key, dtype=np.intp)
         G, D = self._G[rows], self._D[rows].toarray()
         bodies = np.unique(G.indices)
-        found = _Component(self._inertia[bodies], G[:, bodies].toarray(), D, self._alike)
+        found = _Component(self._inertia[bodies], G[:, bodies].toarray(), D, self._independent)
         (i, j), (k, drive), (row, place) = found.T.nonzero(), found.U.nonzero(), found.S.nonzero()
         return _Eliminated(
             (bodies[i], bodies[j], found.T[i, j]),
@@ -297,7 +297,7 @@ def _joined(G: Any, rows: Indices) -> list[Indices]:
 class _Component:
     """Gauss-Jordan elimination of some rows, columns of light bodies first."""
 
-    def __init__(self, inertia: Array, G: Array, D: Array, alike: Any) -> None:
+    def __init__(self, inertia: Array, G: Array, D: Array, independent: Callable[[Array], Array]) -> None:
         h, n = G.shape
         scale = np.maximum(row_maxima(G), row_maxima(D))
         scale[scale == 0] = 1.0
@@ -334,9 +334,11 @@ class _Component:
         self.loop = np.full(h, -1)
         self.parting: Array | None = None
         if done < h:
-            self._least_norm(inertia, G, D if alike is None else D @ alike, work[done:, last:], scale)
+            self._least_norm(inertia, G, D, independent, work[done:, last:], scale)
 
-    def _least_norm(self, inertia: Array, G: Array, D: Array, null: Array, scale: Array) -> None:
+    def _least_norm(
+        self, inertia: Array, G: Array, D: Array, independent: Callable[[Array], Array], null: Array, scale: Array
+    ) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
         links = np.abs(null) > _ZERO
         number = np.unique(joined(links), return_inverse=True)[1]
@@ -353,6 +355,7 @@ class _Component:
         spread = np.abs(free) @ (scale[:, None] * np.abs(self.S)) / scale[:, None]
         self.S = _difference(self.S, free @ (scale[:, None] * self.S) / scale[:, None], spread)
         if D.any():
+            D = independent(D)
             off = null @ D
             off[np.abs(off) <= _ZERO * np.maximum(np.abs(null) @ np.abs(D), 1.0)] = 0.0
             if off.any():

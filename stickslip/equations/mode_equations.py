@@ -241,8 +241,7 @@ class ModeEquations:
             return np.zeros(G.shape[0], dtype=bool)
         left = row_maxima(G @ balance.T)
         if not but_by_drives:
-            led = G @ balance.U + D
-            left = np.maximum(left, row_maxima(led if system.alike is None else led @ system.alike))
+            left = np.maximum(left, row_maxima(system.independent(G @ balance.U + D)))
         return np.asarray(left <= _LOCKED * system.largest_lever[rows])
 
     @cached_property

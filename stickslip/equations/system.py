@@ -57,8 +57,6 @@ class System:
         The number of inputs followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
     G, D : array or sparse (m, n), (m, drives)
         Coefficients of the rows on bodies and drives.
-    alike : array or sparse (drives, drives), or None
-        Coefficients on drives times this are those on the drives of whose velocities all others are sums.
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
     push_C, push_Q : array or sparse (n, size), (n, inputs)
@@ -95,7 +93,7 @@ class System:
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
         self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(self._balance)
-        self._components = Components(self.inertia, self.G, self.D, self.alike)
+        self._components = Components(self.inertia, self.G, self.D, self.independent)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
 
     def _place_states(self, book: Book) -> None:
@@ -254,17 +252,20 @@ class System:
         self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, self.drives))
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
-        self.alike = self._alike([drive.velocity for drive in book.drives])
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
-    def _alike(self, velocities: Sequence[Signal]) -> Any:
-        """Return the map from drives to those of whose velocities theirs are sums; None if none is a sum of others."""
+    def independent(self, coefficients: Any) -> Any:
+        """Return coefficients on drives as those on the drives of whose velocities all others are sums."""
+        return coefficients if self.drives < 2 else coefficients @ self._sums
+
+    @cached_property
+    def _sums(self) -> Any:
+        """The map from drives to those of whose velocities theirs are sums: only what two drives hold asks for it."""
         entries = Triplets()
-        for k, factors in enumerate(made_of_others(velocities)):
+        for k, factors in enumerate(made_of_others([drive.velocity for drive in self.scene.drives])):
             for i, factor in factors.items():
                 entries.add(k, i, factor)
-        shape = self.drives, self.drives
-        return None if entries.columns == [*range(self.drives)] else self.matrix(entries, shape)
+        return self.matrix(entries, (self.drives, self.drives))
 
     @cached_property
     def transmission(self) -> Transmission:
@@ -519,7 +520,7 @@ class System:
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]
         G, D = self.G[rows], self.D[rows]
-        return Balance(self.inertia, G, D, lambda some: self._components.component(rows[some]), self.alike)
+        return Balance(self.inertia, G, D, lambda some: self._components.component(rows[some]), self.independent)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""

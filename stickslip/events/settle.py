@@ -172,11 +172,11 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     if system.dependence is not None:
         # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
-    tried = set[bytes]()
+    tried, as_it_is = set[bytes](), False
     while True:
         found = _settled(system, segment, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
-        if not wrong.size:
+        if as_it_is or not wrong.size:
             if (rows := pressed_together(found.motion)).size:
                 raise Jammed(rows)
             return found
@@ -188,8 +188,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
             if not system.free[wrong].all():
                 raise Inconsistent(wrong)
             # a law that never sticks has no force there either way; what only touches 0 stays closed
-            closed[wrong] = True
-            return _settled(system, segment, now, uncertainty, q, closed)
+            closed[wrong] = as_it_is = True
 
 
 def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:

@@ -1,4 +1,4 @@
-"""Bristles along a run: whether they relax faster than they can be followed."""
+"""Bristles along a run: whether they can be followed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from stickslip.model.arrays import Array
 from stickslip.model.laws.lugre import FASTEST, NEARLY_OPEN
 
 _RESTS = 1e-8  # part of the fastest velocity of a contact below which it is at rest
+# A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead.
+_FROM_NOTHING = 1e-6
+
 _TOO_MUCH = 1e-4  # part of the impulse of their level by which that of bristles may be larger
 
 
@@ -31,14 +34,31 @@ class Relaxation:
         stiffness = [system.laws.characters[j].stiffness or 0.0 for j in rows]
         self._least, self._mu = np.array(stiffness) / FASTEST, system.mu_s[:, rows].max(axis=0, initial=0.0)
         self._beyond, self._level = np.zeros(len(rows)), np.zeros(len(rows))
+        self._following = [j for j in system.bristle_state if system.pressed[j]]
+
+    def check(self, last: Motion | None, motion: Motion, resolution: Array) -> None:
+        """Refuse a bristle that is pressed from nothing: so stiff a motion solvers follow wrongly without telling.
+
+        What comes after the `last` motion slides where it is faster than the `resolution` of velocities.
+        """
+        for j in self._following:
+            was = OPEN if last is None else last.equations.modes[j]
+            if was != OPEN or motion.equations.modes[j] == OPEN:
+                continue
+            normal, rise = (float(one[j]) for one in motion.start.q[:2])
+            slides = abs(float(motion.start.z[0, j])) > resolution[j]
+            if slides and normal < _FROM_NOTHING * rise * motion.horizon:
+                raise ArithmeticError(
+                    f"contact {self._system.rows[j].name!r}: its normal force rises from 0, where a bristle is "
+                    "infinitely stiff; let it start above 0, or use DryFriction"
+                )
 
     def note(self, motion: Motion, path: Path) -> None:
         """Add a path; where a contact has had too much friction, that is a `SolverFailure`."""
         taus, states, loads = path.taus, path.points.T, motion.loads(path.taus)
         w = self._system.relative_velocity(states, loads)[self.rows]
         closed = (motion.equations.modes[self.rows] != OPEN)[:, None]
-        normals = motion.inputs(taus, states) if self._pressed.any() else loads
-        normals = np.maximum(normals[self.rows], 0.0)
+        normals = (motion.normals(taus, states) if self._pressed.any() else np.maximum(loads, 0.0))[self.rows]
         self._note_returns(motion, path, np.abs(w), normals * closed)
         level = self._mu[:, None] * normals
         beyond = np.maximum(self._least[:, None] * np.abs(w) - level, 0.0)

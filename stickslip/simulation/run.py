@@ -54,9 +54,6 @@ from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.tolerances import Reached, Tolerances
 from stickslip.simulation.watching import Failed, Watch
 
-# A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead.
-_FROM_NOTHING = 1e-6
-
 
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
@@ -92,7 +89,6 @@ class Run:
         tables = system.dependence is not None and system.dependence.tables
         self._borders = Borders(system, task.loads, wanted.scale) if tables else None
         self._relaxation = Relaxation(system)
-        self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
         # whether the motion from here on is not to be followed part by part
         self._as_a_whole = False
@@ -116,16 +112,11 @@ class Run:
         if system.sampled:
             q = inputs_before(system, self.loads.after(t), start)
             start = start._replace(y=self._sample(t, q, start.y))
-        if self._borders is not None:
-            self._borders.place(start)
         before = start.y.copy()
         hit, sides, impact = self._stops_at_start(start.y)
         # as later on, what an impact brings into Karnopp's dead band moves on
         struck_rows = system.abs_G @ np.abs(start.y - before)[: system.n] > 0
         situation = start._replace(sides=sides, moves_on=system.starts_slipping | struck_rows)
-        situation = at_rest_in_bands(system, self.loads, situation)
-        if self._borders is not None:
-            self._borders.place(situation)
         self.now = replace(self._settled(situation), impact=impact)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
@@ -373,9 +364,6 @@ class Run:
             stops,
             moves_on,
         )
-        situation = at_rest_in_bands(system, self.loads, situation)
-        if self._borders is not None:
-            self._borders.place(situation)
         return situation, jump
 
     def _moves_on(self, now: Settled, t: float, fired: Mask, jump: Jump) -> Mask:
@@ -386,24 +374,13 @@ class Run:
         return np.asarray(inside | jump.parted & jump.hit.any())
 
     def _settled(self, situation: Situation) -> Settled:
+        situation = at_rest_in_bands(self.system, self.loads, situation)
+        if self._borders is not None:
+            self._borders.place(situation)
         found = settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))
-        for j in self._pressed_bristles:
-            self._check_bristle(j, found.motion)
+        last = None if self.now is None else self.now.motion
+        self._relaxation.check(last, found.motion, self._wanted.velocity_resolution)
         return found
-
-    def _check_bristle(self, j: int, motion: Motion) -> None:
-        """Refuse a bristle that is pressed from nothing: so stiff a motion solvers follow wrongly without telling."""
-        was = self.now.motion.equations.modes[j] if self.now is not None else OPEN
-        if was != OPEN or motion.equations.modes[j] == OPEN:
-            return
-        normal, rise = (float(one[j]) for one in motion.start.q[:2])
-        w = float(motion.start.z[0, j])
-        slides = abs(w) > self._wanted.velocity_resolution[j]
-        if slides and normal < _FROM_NOTHING * rise * motion.horizon:
-            raise ArithmeticError(
-                f"contact {self.system.rows[j].name!r}: its normal force rises from 0, where a bristle is infinitely "
-                "stiff; let it start above 0, or use DryFriction"
-            )
 
     def _settle_all(self, situation: Situation, before: Modes, relaxed: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""

@@ -33,7 +33,7 @@ class Knot:
         self.bodies = bodies
         self.held, self.at_level = np.intersect1d(rows, equations.held), np.intersect1d(rows, equations.at_level)
         G, D = dense(system.G[self.held])[:, bodies], dense(system.D[self.held])
-        self._balance = balance = Balance(system.inertia[bodies], G, D, alike=system.alike)
+        self._balance = balance = Balance(system.inertia[bodies], G, D, independent=system.independent)
         nothing = np.zeros((bodies.size, system.drives))
         self.mobility = balance.accelerations(np.eye(bodies.size))
         self.led = balance.accelerations(nothing, np.eye(system.drives))
