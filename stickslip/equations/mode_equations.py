@@ -50,6 +50,12 @@ def equations_in(modes: Modes, system: System, regions: Regions = _NO_REGIONS) -
     return found
 
 
+def where_nothing_sticks(system: System) -> Modes:
+    """Return the modes in which contacts are open and stops and gaps apart; ties hold."""
+    apart = system.is_stop | system.is_gap
+    return np.select([system.is_tie, apart], [0, APART], OPEN).astype(np.int8)
+
+
 def velocity_dependent_in(modes: Modes, system: System) -> Mask:
     """Tell which rows have a force that depends on their velocity; `modes` (m,) or (m, times)."""
     laws = system.laws

@@ -7,7 +7,7 @@ import scipy
 
 from stickslip.engines import METHODS
 from stickslip.equations.loads.loads import Loads
-from stickslip.equations.mode_equations import APART, OPEN, equations_in
+from stickslip.equations.mode_equations import equations_in, where_nothing_sticks
 from stickslip.equations.system import System
 
 # A decay this many times faster than all oscillations, over this many decay times, is left to an implicit method.
@@ -76,7 +76,7 @@ def _decay_and_turn(system: System) -> tuple[float, float] | None:
     """
     if system.sparse or system.dependence is not None or system.is_gap.any():
         return None
-    modes = np.select([system.is_tie, system.is_stop], [0, APART], OPEN).astype(np.int8)
+    modes = where_nothing_sticks(system)
     regions = np.zeros(system.piecewise.count, dtype=np.int16)
     values = np.linalg.eigvals(equations_in(modes, system, regions).jacobian())
     turns = np.abs(values.imag)

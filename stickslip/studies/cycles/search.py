@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.mode_equations import equations_in, where_nothing_sticks
+from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.checks import finite
@@ -32,6 +34,8 @@ _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 
 # Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns.
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
+
+_STILL = 1e-6  # part of the fastest rate of a scene below which another one is roundoff
 
 _MOST_STEPS = 400_000  # a transient that would take more steps is not tried
 
@@ -162,7 +166,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
 def _after_transient(scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]) -> Cycle:
     """Return the cycle that a transient leads near to; the longer it is, the nearer."""
     system = compiled(scene)
-    span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))
+    span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * longest_turn(system))
     failures = 0
     for trial in range(_MOST_TRIES):
         result = simulated(scene, (0.0, span), **options)
@@ -200,16 +204,18 @@ def _after_transient(scene: Scene, guess: float | None, transient: float | None,
     )
 
 
-def _turn(system: System) -> float:
-    """Return about the longest time in s in which a scene swings, from its stiffnesses."""
-    C = dense(system.C)[:, system.n : system.first_bristle]
-    bodies = [i for i in system.moved.tolist() if system.inertia[i] > 0]
-    columns = [system.position_state[i] - system.n for i in bodies]
-    if not bodies:
-        return 1.0
-    values = np.linalg.eigvals(-C[np.ix_(bodies, columns)] / system.inertia[bodies][:, None])
-    frequencies = np.sqrt(np.abs(values[np.abs(values) > 1e-12 * np.abs(values).max(initial=0.0)]))
-    return float(2 * math.pi / frequencies.min()) if frequencies.size else 1.0
+def longest_turn(system: System) -> float:
+    """Return about the longest time in s in which a scene swings where nothing sticks, by springs or by blocks."""
+    y, q = system.at_start(), system.loads(0.0, 1.0).after(0.0)
+    regions = system.piecewise.at(y, q.at(0.0), None)
+    free = equations_in(where_nothing_sticks(system), system, regions)
+    motion = Motion(free, q, 0.0, y, np.zeros(system.m))
+    values = np.linalg.eigvals(dense(motion.jacobian(0.0, y)))
+    sizes = np.abs(values)
+    lasting = sizes > _STILL * sizes.max(initial=0.0)
+    swings = lasting & (np.abs(values.imag) > _STILL * sizes)
+    some = sizes[swings if swings.any() else lasting]
+    return float(2 * math.pi / some.min()) if some.size else 1.0
 
 
 def _has_ended(result: Result) -> bool:
