@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.equations.guards.at_start import AT_LIMIT
-from stickslip.equations.guards.guards import FULLY
+from stickslip.equations.guards.guards import FULLY, Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
@@ -15,12 +15,12 @@ _CONSTANT = 1e-7  # part of the acceleration by its breakaway force that a row a
 _DRIVEN = 1e-3  # part of what adds up in an acceleration by which it differs from 0 beyond doubt
 
 
-def until_rest(motion: Motion, path: Path, uncertain: Array | None, margin: Array) -> tuple[Path, list[int]]:
+def until_rest(motion: Motion, guards: Guards, path: Path, margin: Array) -> tuple[Path, list[int]]:
     """Return the path up to where rows have come to rest unseen, and those that have relaxed to it.
 
-    `uncertain` are a solver's errors of relative velocities, None where these are exact, and `margin` is that inside
-    which rows may have relaxed.
+    Inside the `margin` rows may have relaxed. Velocities that leave 0 tell nothing while they are roundoff.
     """
+    uncertain = guards.velocity_uncertainty
     rows = motion.equations.sticks_at_zero
     may_relax = bool(np.count_nonzero(margin[rows]))
     if not (rows.size and (uncertain is not None or may_relax)) or path.taus.size < 2:
@@ -30,14 +30,17 @@ def until_rest(motion: Motion, path: Path, uncertain: Array | None, margin: Arra
         return path, []
     points = path.points.T
     w = _signed(motion, path.taus, points, rows)
-    cut = path if uncertain is None else _until_unseen_crossing(motion, path, uncertain[rows], rows, w)
+    leaves = guards.roundoff_until(rows)[:, None]
+    cut = path if uncertain is None else _until_unseen_crossing(motion, path, uncertain[rows], rows, w, leaves)
     if cut is not path:
         points = cut.points.T
         w = _signed(motion, cut.taus, points, rows)
-    return _relaxed(motion, cut, margin[rows], rows, points, w) if may_relax else (cut, [])
+    return _relaxed(motion, cut, margin[rows], rows, points, w, leaves) if may_relax else (cut, [])
 
 
-def _until_unseen_crossing(motion: Motion, path: Path, uncertain: Array, rows: Indices, w: Array) -> Path:
+def _until_unseen_crossing(
+    motion: Motion, path: Path, uncertain: Array, rows: Indices, w: Array, leaves: Array
+) -> Path:
     """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
 
     A solver tells a crossing once the velocity is beyond 0 by more than its errors. What damps strongly, or a normal
@@ -45,7 +48,7 @@ def _until_unseen_crossing(motion: Motion, path: Path, uncertain: Array, rows: I
     drove it on: that is a crossing, and no touch of 0.
     """
     found = float(path.taus[-1])
-    passed = w < 0
+    passed = (w < 0) & (path.taus > leaves)
     # what ends here is told there
     passed[:, -1] &= (w[:, -1] < (FULLY - 1) * uncertain) | (not path.has_event)
     for k in np.flatnonzero(passed.any(axis=1)).tolist():
@@ -87,7 +90,7 @@ def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
 
 
 def _relaxed(
-    motion: Motion, path: Path, margin: Array, rows: Indices, points: Array, w: Array
+    motion: Motion, path: Path, margin: Array, rows: Indices, points: Array, w: Array, leaves: Array
 ) -> tuple[Path, list[int]]:
     """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
 
@@ -96,7 +99,7 @@ def _relaxed(
     """
     count = path.taus.size - path.has_event
     points, w = points[:, :count], w[:, :count]
-    near = (w <= margin[:, None]) & (w > 0)
+    near = (w <= margin[:, None]) & (w > 0) & (path.taus[:count] > leaves)
     if not np.count_nonzero(near):
         return path, []
     # what has left rest only grows: no rates are needed to tell

@@ -206,11 +206,11 @@ class Run:
         if self._borders is not None:
             path = self._borders.cut(motion, path)
         path = until_out_of_bands(motion, now.guards, path)
-        uncertain, wanted = now.guards.velocity_uncertainty, self._wanted
-        cut, relaxed = until_rest(motion, path, uncertain, wanted.margin)
+        wanted = self._wanted
+        cut, relaxed = until_rest(motion, now.guards, path, wanted.margin)
         if relaxed and wanted.guessed.any():
             fastest = np.maximum(self._fastest, path.largest[: self.system.n])
-            return until_rest(motion, path, uncertain, wanted.relaxation_margin(fastest))
+            return until_rest(motion, now.guards, path, wanted.relaxation_margin(fastest))
         return cut, relaxed
 
     @property

@@ -138,6 +138,14 @@ class Guards(GuardsAtStart):
             return np.zeros(self.size, dtype=bool)
         return np.asarray(self._leaves & (tau <= self._roundoff[0]))
 
+    def roundoff_until(self, rows: Indices) -> Array:
+        """Return the local times until which relative velocities that leave 0 are roundoff, -1 for all others."""
+        found = np.full(self.motion.system.m, -1.0)
+        if not self.is_plain:
+            leaves = self.is_velocity & self._leaves
+            found[self.row[leaves]] = self._roundoff[0][leaves]
+        return np.asarray(found[rows])
+
     @cached_property
     def passing(self) -> Indices:
         """Guards of velocities that pass 0."""
