@@ -265,6 +265,35 @@ def test_two_blocks_on_a_belt() -> None:
 
 
 @pytest.mark.slow
+def test_a_cycle_that_a_motion_only_passes_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two blocks on a belt (Galvanetto and Bishop 1994) come near an unstable cycle first, and end on another."""
+
+    def curve(level: float) -> DryFriction:
+        return DryFriction(level, level, kinetic=lambda w: level / (1 + 3 * w))
+
+    scene = Scene(
+        Body("a", inertia=1.0, position=0.2),
+        Body("b", inertia=1.0, position=0.1),
+        Drive("belt", velocity=0.3),
+        Spring("a", GROUND, stiffness=1.0),
+        Spring("b", GROUND, stiffness=1.0),
+        Spring("a", "b", stiffness=1.2),
+        Contact("ca", "a", "belt", curve(1.0), normal=1.0),
+        Contact("cb", "b", "belt", curve(1.3), normal=1.0),
+    )
+    cycle = limit_cycle(scene)
+    assert cycle.stable
+    late = simulate(scene, (0.0, 600.0)).events
+    sticks = [event.t for event in late if event.contact == "ca" and event.after == 0]
+    assert cycle.period == pytest.approx(sticks[-1] - sticks[-3], rel=1e-6)
+    # without more transients it is the unstable one
+    monkeypatch.setattr(search, "_AWAY", 0)
+    passed = limit_cycle(scene)
+    assert passed.period == pytest.approx(9.2046, rel=1e-4)
+    assert abs(passed.multipliers[0]) > 1.4
+
+
+@pytest.mark.slow
 def test_a_longer_transient_leads_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's method fails from a transient, the search goes on after a longer one."""
     tried: list[search.Shot] = []

@@ -7,8 +7,9 @@ direction of the motion where the period is free.
 
 from __future__ import annotations
 
+import contextlib
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
-from stickslip.simulation.result import Result
+from stickslip.simulation.result import Result, SimulationError
 from stickslip.simulation.simulate import compiled
 from stickslip.studies.cycles.cycle import Cycle, from_zero, mode_change
 from stickslip.studies.cycles.newton import closed
@@ -43,6 +44,8 @@ _MOST_STEPS = 400_000  # a transient that would take more steps is not tried
 # less is left of its largest velocities than the second has come there.
 _SHRINKS, _DEAD = 0.9, 1e-9
 
+_AWAY = 3  # how many longer transients are to lead away from a cycle that is unstable
+
 _BACK = 8  # periods at whose ends a motion has to be where it was some periods before to be of that period
 _MOST_FAILURES = 3  # after how many transients Newton's method may fail where the period is free
 
@@ -60,7 +63,8 @@ def limit_cycle(
     """Return a periodic motion of a scene, and its multipliers.
 
     A transient leads near the cycle, where it is stable; Newton's method with exact derivatives through events finds
-    it to roundoff. Unstable cycles are found from a start near them with ``transient=0``.
+    it to roundoff. One that is unstable only passes by: where the period is free and no `transient` is given, longer
+    ones lead on. Unstable cycles are found from a start near them with ``transient=0``.
 
     Parameters
     ----------
@@ -164,16 +168,41 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
 
 
 def _after_transient(scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]) -> Cycle:
-    """Return the cycle that a transient leads near to; the longer it is, the nearer."""
-    system = compiled(scene)
-    span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * longest_turn(system))
+    """Return the cycle that a transient leads to, an unstable one only where it does not go on to another."""
+    span = 2.0 * transient if transient else _TURNS * (guess or longest_turn(compiled(scene)))
+    first = found = _near(scene, guess, span, options)
+    for _ in range(_AWAY if transient is None else 0):
+        if not found.passes_by or _LONGER * found.steps > _MOST_STEPS:
+            break
+        found = found._replace(span=_LONGER * found.span, steps=_LONGER * found.steps)
+        with contextlib.suppress(CycleError, SimulationError):
+            found = _near(scene, guess, found.span, options, most=1)
+    return first.cycle if found.passes_by else found.cycle
+
+
+class _Found(NamedTuple):
+    """A cycle, and the transient that led near to it: its span in s, and its steps."""
+
+    cycle: Cycle
+    span: float
+    steps: float
+
+    @property
+    def passes_by(self) -> bool:
+        """Whether a motion leaves the cycle again."""
+        return not (self.cycle.stable or self.cycle.neutral)
+
+
+def _near(scene: Scene, guess: float | None, span: float, options: dict[str, Any], most: int = _MOST_TRIES) -> _Found:
+    """Return the cycle that a transient of some span leads near to, or one of the longer ones that are tried."""
     failures = 0
-    for trial in range(_MOST_TRIES):
+    for trial in range(most):
         result = simulated(scene, (0.0, span), **options)
+        steps = sum(piece.path.taus.size for piece in result.trajectory.pieces if piece.path is not None)
         found = _return_of(result, guess)
         if found is not None:
             try:
-                return closed(Shot(*found, False, options))
+                return _Found(closed(Shot(*found, False, options)), span, steps)
             except CycleError as error:
                 failures += 1
                 if failures == _MOST_FAILURES:
@@ -192,7 +221,6 @@ def _after_transient(scene: Scene, guess: float | None, transient: float | None,
             )
         if _has_ended(result):
             raise CycleError("no cycle was found: the motion comes to a state that does not change")
-        steps = sum(piece.path.taus.size for piece in result.trajectory.pieces if piece.path is not None)
         if trial + 1 >= _TRIES and not (len(result.events) < _RARE and steps < _FEW_STEPS):
             break
         if _LONGER * steps > _MOST_STEPS:
