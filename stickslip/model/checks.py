@@ -84,6 +84,9 @@ def finite(value: Any, what: str) -> float:
 
 def as_number(value: Any) -> float:
     """Return what a function of the user returned as a float, also an array of one number; NaN where it is none."""
+    if isinstance(value, float):
+        # numbers of numpy, too, in a tenth of the time
+        return float(value)
     try:
         return math.nan if isinstance(value, (str, bytes)) else float(np.reshape(value, ()))
     except (TypeError, ValueError, OverflowError):

@@ -263,7 +263,7 @@ class Trajectory(PickledByFields):
                     yield sets[k], np.arange(piece_of.size)[chosen][some] if self.patchworks else some
 
     def inputs(self, piece_of: Indices, taus: Array, y: Array, loads: Array) -> Array:
-        """Return all inputs at local times, where loads and states are these, as columns.
+        """Return all inputs at local times, where loads and states are these, as columns, but for rates of blocks: 0.
 
         Only of a scene of which some inputs depend on the state.
         """
@@ -274,7 +274,7 @@ class Trajectory(PickledByFields):
             return found
         for number, chosen in by_piece(piece_of):
             part, motion = found[:, chosen], self.motion(number)
-            dependence.fill(part, y[:, chosen], t[chosen], taus[chosen], motion.friction_of)
+            dependence.fill(part, y[:, chosen], t[chosen], taus[chosen], motion.friction_of, dependence.but_rates)
             found[:, chosen] = part
         return found
 

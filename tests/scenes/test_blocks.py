@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -455,3 +456,27 @@ def test_what_is_not_finite_is_told_as_a_number() -> None:
         simulate(Scene(Body("m", inertia=1.0), late, Force("m", output("late"))), (0.0, 3.0))
     # there is no contact whose mode could be told
     assert "modes" not in str(error.value)
+
+
+def test_results_do_not_ask_how_fast_states_of_blocks_change() -> None:
+    """Forces and energies follow from the states: a derivative of the user may be slow."""
+    calls = [0]
+
+    def derivative(t: float, x: Sequence[float], u: Sequence[float]) -> list[float]:
+        calls[0] += 1
+        return [math.sin(u[0]) - x[0]]
+
+    lag = Block("lag", inputs=[position("a")], states=[0.0], derivative=derivative)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("c", "a", GROUND, DryFriction(0.2, 0.1), normal=1.0),
+        Force("a", -1 * output("lag")),
+        lag,
+    )
+    result = simulate(scene, (0.0, 5.0))
+    during = calls[0]
+    energy, force = result.energy(), result.force("c")
+    assert calls[0] == during > 0
+    moving = np.abs(result.velocity("a")) > 1e-6
+    np.testing.assert_allclose(np.abs(force[moving]), 0.1, rtol=1e-12)
+    assert energy.relative_error < 1e-6

@@ -115,6 +115,8 @@ class Dependence:
         """The places of the inputs on which that depends."""
         self.for_normals = self.before(self._normals.places.tolist())
         """The nodes on which normal forces depend."""
+        self.but_rates = frozenset(k for k, node in enumerate(self.nodes) if not node.is_rate)
+        """The nodes on which anything but the rates of states of blocks depends: these a result does not tell."""
 
     def before(self, places: Iterable[int]) -> frozenset[int]:
         """Return the nodes on which inputs depend, at once or by way of others."""

@@ -74,6 +74,7 @@ class Node:
     row: int = -1  # the row whose heat it is, -1 for a function
     width: int = 1
     timed: bool = False  # whether it depends on time beside its arguments
+    is_rate: bool = False  # whether it tells how fast states of a block change, and nothing else
     table: of.Table | None = None  # straight lines, each of which holds in a region of the one argument
 
 
@@ -242,7 +243,7 @@ class Reader:
         def values(t: float, x: Sequence[float]) -> Sequence[float]:
             return block.call("derivative", t, x[:count], x[count:], count, exactly=True)
 
-        node = Node(f"{block.label}:", self.of_block(block, label), values, width=count, timed=True)
+        node = Node(f"{block.label}:", self.of_block(block, label), values, width=count, timed=True, is_rate=True)
         ((_, number, _),) = self._node(node).inputs
         return [Form(inputs={("node", number, k): 1.0}) for k in range(count)]
 
