@@ -213,8 +213,8 @@ class Scene:
             if np.abs(undecided[k]).max() > _ROUNDOFF:
                 raise ValueError(
                     f"body {name!r}: inertia must be positive, got 0, because ties alone do not decide how it moves; "
-                    "give it an inertia or a Tie or Gear to bodies that have one, use a Drive for a body of "
-                    "prescribed velocity and GROUND for one at rest"
+                    "give it an inertia, however small (errors are in proportion), or a Tie or Gear to bodies that "
+                    "have one, use a Drive for a body of prescribed velocity and GROUND for one at rest"
                 )
 
     def replace(self, name: str, **changes: Any) -> Scene:

@@ -120,7 +120,8 @@ class DryFriction(Law):
     mu_static_backward, mu_coulomb_backward : float, optional
         Coefficients for ``w < 0`` of an anisotropic contact.
     kinetic : callable, optional
-        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0. A curve that rises and falls within what a
+        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0; it may rise above mu_s, and beside it mu_c
+        counts only with a dwell time, where it is more than ``mu_k(0)``. A curve that rises and falls within what a
         step passes needs `max_step` of `simulate`.
 
     Raises
@@ -147,9 +148,11 @@ class DryFriction(Law):
         for direction, suffix in ((1, ""), (-1, "_backward")):
             static, coulomb = self.mu_s(direction), self.mu_c(direction)
             if static < coulomb:
+                remedy = "static friction is at least Coulomb friction: swap or equalise them"
+                if self.kinetic is not None:
+                    remedy = "kinetic tells what resists slip, and may rise: equalise them"
                 raise ValueError(
-                    f"DryFriction: mu_static{suffix} = {static:g} is below mu_coulomb{suffix} = {coulomb:g}; "
-                    "static friction is at least Coulomb friction: swap or equalise them"
+                    f"DryFriction: mu_static{suffix} = {static:g} is below mu_coulomb{suffix} = {coulomb:g}; {remedy}"
                 )
         if self.stribeck_velocity is not None and (number := self._number("stribeck_velocity")) <= 0:
             raise ValueError(
