@@ -12,7 +12,8 @@ from stickslip.results.units import units
 # What marks each kind of point on a branch.
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
 
-_ROOM = 0.8  # part of the width from which on what is said of a point stands to its left
+_ROOM = 0.7  # part of the width within which there is room on either side for what is said of a point
+_NEAR = 1e-3  # part of the range of a branch over which its slope is looked at
 
 
 def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
@@ -39,29 +40,41 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     ax = own_axes(ax, *STUDY)
     ax.margins(x=0.12)
     for wanted, line, fill, label in ((True, "-", COLOURS[1], "stable"), (False, "--", "white", "unstable")):
-        chosen = [(x, np.where(stable == wanted, y, np.nan)) for x, y, stable in parts]
-        chosen = [one for one in chosen if np.isfinite(one[1]).any()]
-        for i, (x, shown) in enumerate(chosen):
-            look = {"color": COLOURS[1], "markerfacecolor": fill, "markersize": 4}
-            ax.plot(x, shown, line, marker="o", label=None if i else label, **look)
+        look = {"color": COLOURS[1], "markerfacecolor": fill, "markersize": 4, "label": label}
+        for x, y, stable in parts:
+            chosen = stable == wanted
+            if not chosen.any():
+                continue
+            # a line between two kinds is that of what is unstable
+            ends = chosen if wanted else chosen | np.append(chosen[1:], False) | np.append(False, chosen[:-1])
+            ax.plot(x, np.where(ends, y, np.nan), line, marker="o", markevery=chosen.nonzero()[0].tolist(), **look)
+            look["label"] = None
+    points = []
     for one, (x, y, _) in zip(_chain(branch), parts, strict=True):
         order = np.argsort(x)
         for point in one.points:
-            height = np.interp(point.value, x[order], y[order]) if x.size else np.nan
-            ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
-            # what is said of a point stays within the axes
-            left, right = ax.get_xlim()
-            is_right = point.value > left + _ROOM * (right - left)
-            ax.annotate(
-                f"{point.kind} at {point.value:.6g}",
-                (point.value, height),
-                xytext=(-9 if is_right else 9, 0),
-                textcoords="offset points",
-                fontsize="small",
-                ha="right" if is_right else "left",
-                va="center",
-                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+            height, before, after = (
+                np.interp(point.value + d, x[order], y[order]) if x.size else np.nan
+                for d in (0.0, *np.ptp(x) * np.array([-_NEAR, _NEAR]))
             )
+            ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
+            points.append((point.value, height, f"{point.kind} at {point.value:.6g}", after > before))
+    # what is said of a point stays within the axes
+    left, right = ax.get_xlim()
+    for k, (value, height, text, rises) in enumerate(sorted(points)):
+        is_right = k % 2 == 0
+        if not left + _ROOM * (right - left) > value > right - _ROOM * (right - left):
+            is_right = value < 0.5 * (left + right)
+        # beside the curve, on either side of it in turn
+        ax.annotate(
+            text,
+            (value, height),
+            xytext=(7 if is_right else -7, -9 if is_right == rises else 9),
+            textcoords="offset points",
+            fontsize="small",
+            ha="left" if is_right else "right",
+            va="center",
+        )
     parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
     ax.set_xlabel(parameter, **AS_IT_IS)
     ax.set_ylabel("period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]", **AS_IT_IS)

@@ -31,6 +31,7 @@ from stickslip.plots.style import (
     over_time,
     own_axes,
     raster,
+    short_numbers,
     value_raster,
 )
 from stickslip.results.readable import Readable
@@ -178,6 +179,7 @@ def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
     unit = units(result.scene, element)
     ax.set(xlabel=f"relative displacement [{unit.position}]", ylabel=f"relative velocity [{unit.velocity}]")
+    short_numbers(ax)
     if ax.get_xscale() == "linear":
         # displacements may be small, and their labels long
         ax.locator_params(axis="x", nbins=6)
@@ -241,6 +243,7 @@ def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
     arm = {"N": "[1]", "N m": "[m]"}.get(unit.force, "[1 | m]")
     force = f"force / normal force {arm}" if divided else f"force [{unit.force}]"
     ax.set(xlabel=f"relative velocity [{unit.velocity}]", ylabel=force)
+    short_numbers(ax)
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
 

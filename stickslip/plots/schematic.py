@@ -1,7 +1,7 @@
 """A scene as a schematic: bodies are boxes one above the other, what joins them stands between.
 
 The manner is that of a quarter car. A symbol between neighbours fills the gap between them; one between others goes on
-as a line behind the boxes that it passes. Lengths are inches of a drawing in its own size.
+as a line behind the boxes that it passes, dotted there. Lengths are inches of a drawing in its own size.
 """
 
 from __future__ import annotations
@@ -133,6 +133,13 @@ class _Drawing:
         columns = [self.column[k] for k, link in enumerate(self.links) if name in link.ends] or [0]
         return min(columns), max(columns)
 
+    def _hidden(self, name: str) -> list[float]:
+        """Return where links to others pass behind a body's box, from left to right."""
+        row, (left, right) = self.rows[name], self._sides(name)
+        others = [k for k, one in enumerate(self.links) if name not in one.ends]
+        found = [self._x(k) for k in others if self.span(self.links[k])[0] < row <= self.span(self.links[k])[1]]
+        return sorted(x for x in found if left < x < right)
+
     def _least(self, name: str) -> float:
         """Return how broad a box must be for what is written in it."""
         return _LETTER * (len(self._text(name)) + 2)
@@ -191,10 +198,17 @@ class _Drawing:
                 inside.set(facecolor="white", hatch="////", edgecolor="0.6")
             ax.add_patch(inside)
             ax.add_patch(Rectangle(*box, fill=False, linewidth=1.2, zorder=5))
+            hidden = self._hidden(name)
+            for x in hidden:
+                # what passes behind a box does not hold to it
+                ax.plot([x, x], [box[0][1], self._top(row)], color="0.2", linewidth=1.0, linestyle=":", zorder=3)
             text: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 6}
             if driven:
                 text["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-            ax.text(0.5 * (left + right), self._top(row) - 0.5 * _BOX, self._text(name), **text)
+            sides = [left, *hidden, right]
+            free = max(range(len(hidden) + 1), key=lambda k: sides[k + 1] - sides[k])
+            middle = 0.5 * (sides[free] + sides[free + 1])
+            ax.text(middle, self._top(row) - 0.5 * _BOX, self._text(name), **text)
             if name in self.pushes:
                 self._push(ax, left, self._top(row) - 0.5 * _BOX, self.pushes[name])
         for k, link in enumerate(self.links):

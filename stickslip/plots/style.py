@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array
@@ -106,6 +107,12 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
     if not isinstance(ax, Axes):
         raise TypeError(f"ax must be axes of matplotlib, got {ax!r}; plt.subplots() returns a figure and its axes")
     return ax
+
+
+def short_numbers(ax: Any) -> None:
+    """Write small and large numbers beside the horizontal axis with a common power of ten, so that they have room."""
+    if isinstance(formatter := ax.xaxis.get_major_formatter(), ScalarFormatter):
+        formatter.set_powerlimits((-2, 4))
 
 
 def look(k: int) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from dataclasses import KW_ONLY, dataclass
 
+import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -94,6 +95,22 @@ def test_all_is_inside_and_no_text_lies_on_another(name):
     for k, box in enumerate(boxes):
         for other in boxes[:k]:
             assert not (box.shrunk(0.9, 0.8)).overlaps(other.shrunk(0.9, 0.8))
+
+
+def test_what_passes_behind_a_box_is_dotted_there():
+    """Each clutch joins the engine to a shaft of its own: the second one passes the first shaft, and nothing else."""
+    shafts = [Body(name, inertia=1.0) for name in ("engine", "first", "second", "out")]
+    clutches = [Contact(f"to {end}", "engine", end, DRY, normal=10.0) for end in ("first", "second")]
+    gears = Gear("g1", "first", "out", ratio=3.0), Gear("g2", "second", "out", ratio=2.0)
+    ax = plots.schematic(Scene(*shafts, *clutches, *gears))
+    dotted = [line for line in ax.lines if line.get_linestyle() == ":"]
+    boxes = {text.get_text().partition(":")[0]: text for text in ax.texts if ":" in text.get_text()}
+    (hidden,) = dotted
+    (x, _), y = hidden.get_xdata(), np.mean(hidden.get_ydata())
+    assert y == pytest.approx(boxes["first"].get_position()[1])
+    ax.figure.draw(FigureCanvasAgg(ax.figure).get_renderer())
+    name = boxes["first"].get_window_extent().transformed(ax.transData.inverted())
+    assert not name.x0 <= x <= name.x1
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
@@ -433,6 +434,31 @@ def test_the_bifurcation_diagram() -> None:
     assert np.allclose(ax.lines[0].get_ydata(), branch.amplitudes("m"))
     assert "period" in branch.plot().get_ylabel()
     assert branch.plot(GROUND).get_ylabel() == "amplitude of ground [m | rad]"
+    plt.close("all")
+
+
+@pytest.mark.slow
+def test_one_unstable_cycle_between_stable_ones_is_joined_to_them() -> None:
+    """Shaw's oscillator (1986): its symmetric cycle is unstable for a while; no text hides that."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=0.3),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.6, 0.4), normal=1.0),
+        Force("m", sine(1.0, 0.0875)),
+    )
+    values = [0.0875, 0.0955, 0.1035]
+    branch = continue_cycle(scene, "forces[0].signal.frequency", values, period=lambda frequency: 1 / frequency)
+    assert list(branch.stable) == [True, False, True]
+    ax = branch.plot("m")
+    dashed = next(line for line in ax.lines if line.get_linestyle() == "--")
+    assert np.isfinite(dashed.get_ydata()).all() and list(dashed.get_markevery()) == [1]
+    ax.figure.draw(FigureCanvasAgg(ax.figure).get_renderer())
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert len(boxes) == 2 and not boxes[0].overlaps(boxes[1])
+    for k, box in enumerate(boxes):
+        ends = ax.transData.transform(np.column_stack([values, branch.amplitudes("m")]))
+        between = np.interp(np.linspace(box.x0, box.x1, 9), *ends.T)
+        assert ((between < box.y0) | (between > box.y1)).all(), k
     plt.close("all")
 
 
