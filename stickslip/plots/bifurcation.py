@@ -52,24 +52,25 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     points = []
     for one, (x, y, _) in zip(_chain(branch), parts, strict=True):
         order = np.argsort(x)
-        for point in one.points:
-            height, before, after = (
-                np.interp(point.value + d, x[order], y[order]) if x.size else np.nan
-                for d in (0.0, *np.ptp(x) * np.array([-_NEAR, _NEAR]))
-            )
+        # of a branch without cycles there is no place to mark
+        for point in one.points if x.size else ():
+            about = point.value + _NEAR * np.ptp(x) * np.array([0, -1, 1])
+            height, before, after = np.interp(about, x[order], y[order])
             ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
-            points.append((point.value, height, f"{point.kind} at {point.value:.6g}", after > before))
+            # a branch turns at a fold: there is room between its arms
+            side = np.sign(np.mean(x) - point.value) if point.kind == "fold" else 0.0
+            points.append((point.value, height, f"{point.kind} at {point.value:.6g}", after > before, side))
     # what is said of a point stays within the axes
     left, right = ax.get_xlim()
-    for k, (value, height, text, rises) in enumerate(sorted(points)):
-        is_right = k % 2 == 0
-        if not left + _ROOM * (right - left) > value > right - _ROOM * (right - left):
+    for k, (value, height, text, rises, side) in enumerate(sorted(points)):
+        is_right = side > 0 if side else k % 2 == 0
+        if not side and not left + _ROOM * (right - left) > value > right - _ROOM * (right - left):
             is_right = value < 0.5 * (left + right)
         # beside the curve, on either side of it in turn
         ax.annotate(
             text,
             (value, height),
-            xytext=(7 if is_right else -7, -9 if is_right == rises else 9),
+            xytext=(7 if is_right else -7, 0 if side else -9 if is_right == rises else 9),
             textcoords="offset points",
             fontsize="small",
             ha="left" if is_right else "right",
