@@ -271,7 +271,10 @@ class Search:
             goes, against = top[own & (along > least)], bool((along[own] < -least).any())
             following[top[own]] = 0
             if against:
-                following[goes], following[rows[mine]] = modes[goes], _carrying(side[mine])
+                following[goes] = modes[goes]
+                # no more of them carry their level than others hold in their place
+                spared = rows[mine][equations_in(following, system, self._regions).locked(rows[mine])]
+                following[spared] = _carrying(side[np.isin(rows, spared)])
                 rows_of_part = self._parts[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
                     continue

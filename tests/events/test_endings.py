@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stickslip import (
     GROUND,
@@ -14,10 +15,13 @@ from stickslip import (
     Contact,
     DryFriction,
     Force,
+    OneWay,
     Scene,
+    Spring,
     Stop,
     piecewise_linear,
     simulate,
+    sine,
 )
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.mode_equations import equations_in
@@ -98,3 +102,87 @@ def test_nothing_is_struck_where_another_contact_has_its_event(options: dict[str
     assert [event.t for event in result.events] == pytest.approx([0.5, 1.0], abs=1e-6)
     struck = [piece.t for piece in result.trajectory.pieces if piece.impulses is not None]
     assert struck == [result.events[1].t]
+
+
+SLIDER = Body("slider", inertia=1.0, velocity=4.0), Contact("rub", "slider", GROUND, DryFriction(0.2, 0.1), normal=5.0)
+"""Joined to nothing: ``v = 4 - 0.5 t``."""
+
+WAYS: list[dict[str, Any]] = [{}, {"method": "BDF"}, {"formulation": "merged"}, {"formulation": "multiplier"}]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("held", [OneWay("end", "b", GROUND), Stop("end", "b", GROUND, upper=0.0)])
+def test_what_is_loaded_from_0_and_unloaded_stops_nobody_else(held: OneWay | Stop, way: dict[str, Any]) -> None:
+    """A force without a level, 0 where a motion begins and where it ends, is no measure of what is near 0."""
+    scene = Scene(
+        Body("b", inertia=2.0),
+        Body("m", inertia=1.0),
+        Spring("b", "m", stiffness=40.0, damping=0.5),
+        Force("m", sine(5.0, 0.8)),
+        held,
+        *SLIDER,
+    )
+    result = simulate(scene, (0.0, 4.0), **way)
+    assert result.velocity("slider")[-1] == pytest.approx(2.0, abs=1e-6)
+    assert not [event for event in result.events if event.contact == "rub"]
+    assert result.energy().relative_error < 1e-5
+
+
+def test_whatever_the_numbers_are() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(40):
+        force = sine(float(random.uniform(2, 8)), float(random.uniform(0.3, 1.2)))
+        spring, anchor = random.uniform(10, 80, 2).tolist()
+        scene = Scene(
+            Body("b", inertia=2.47),
+            Body("m", inertia=1.14),
+            Spring("b", "m", stiffness=spring, damping=float(random.choice([0.0, 0.5, 0.9]))),
+            Spring("b", GROUND, stiffness=anchor),
+            OneWay("free", "b", GROUND),
+            Force("m", force),
+            *SLIDER,
+        )
+        assert simulate(scene, (0.0, 4.0)).velocity("slider")[-1] == pytest.approx(2.0, abs=1e-12)
+
+
+def test_a_stop_that_leaves_its_limit_0_and_comes_back_is_the_one_that_is_hit() -> None:
+    """Two slides on a spring, one between walls; the play between both is far from its limits (against DOP853)."""
+    m_a, m_b, k, c, v = 0.58, 2.61, 33.04, 0.64, 0.5248229102743392
+    scene = Scene(
+        Body("a", inertia=m_a, velocity=v),
+        Body("b", inertia=m_b, velocity=v),
+        Spring("a", "b", stiffness=k, damping=c),
+        Stop("wall", "a", GROUND, lower=0.0, upper=0.3, radius_a=1.1),
+        Stop("play", "b", "a", lower=-0.47, upper=0.3, restitution=0.3),
+    )
+
+    def pull(y: Any) -> float:
+        return float(k * (y[1] - y[0]) + c * (y[3] - y[2]))
+
+    t, y, side = 0.0, np.array([0.0, 0.0, v, v]), 0
+    while t < 3.0:
+
+        def rates(t: float, y: Any, side: int = side) -> list[float]:
+            return [y[2], y[3], 0.0 if side else pull(y) / m_a, -pull(y) / m_b]
+
+        def upper(t: float, y: Any, side: int = side) -> float:
+            return -side * pull(y) if side else y[0] - 0.3 / 1.1
+
+        def lower(t: float, y: Any, side: int = side) -> float:
+            return 1.0 if side else -y[0]
+
+        for event in (upper, lower):
+            event.terminal, event.direction = True, 1.0  # type: ignore[attr-defined]
+        found = solve_ivp(rates, (t, 3.0), y, "DOP853", rtol=1e-12, atol=1e-14, events=[upper, lower], max_step=0.01)
+        t, y = float(found.t[-1]), found.y[:, -1].copy()
+        if found.status == 1:
+            if side:
+                side = 0
+            else:
+                side = 1 if found.t_events[0].size else -1
+                y[0], y[2] = 0.3 / 1.1 if side > 0 else 0.0, 0.0
+                side = side if side * pull(y) > 0 else 0
+    result = simulate(scene, (0.0, 3.0))
+    last = [result.position("a")[-1], result.position("b")[-1], result.velocity("a")[-1], result.velocity("b")[-1]]
+    assert last == pytest.approx(y, abs=1e-9)
+    assert not [event for event in result.events if event.contact == "play"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from typing import Any
@@ -19,6 +20,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     OneWay,
     Result,
     Scene,
@@ -482,3 +484,46 @@ def test_a_drive_that_moves_as_the_sum_of_two_tears_nothing(far: float, options:
         shares = np.linalg.pinv(rows.T) @ need
         found = [result.force(row)[k] for row in ("c0", "c1", "c2", "tie")]
         assert found == pytest.approx(shares, abs=1e-7)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_of_two_backstops_only_one_spares_the_other(formulation: str) -> None:
+    """A shaft and its gear mate have a backstop each; what it drives by a freewheel is pulled on for 1 s, then back.
+
+    It runs ahead, ``v = 2 t`` and ``x = 1`` at 1 s, and comes back to rest at 2 s where ``x = 2``.
+    """
+    load = piecewise_linear([0, 1, 1, 5], [2.0, 2.0, -2.0, -2.0])
+    for r_a, r_b, ratio in itertools.product((1.0, 0.3, 0.08), (1.0, 0.3, 0.12), (2.0, -2.5, 3.3)):
+        against = (GROUND, "c") if ratio > 0 else ("c", GROUND)
+        scene = Scene(
+            Body("a", inertia=1.0),
+            Body("b", inertia=1.0),
+            Body("c", inertia=0.5),
+            Gear("mesh", "b", "c", ratio=ratio),
+            OneWay("of b", GROUND, "b"),
+            OneWay("of c", *against),
+            OneWay("drive", "b", "a", radius_a=r_a, radius_b=r_b),
+            Force("a", load),
+        )
+        result = simulate(scene, (0.0, 4.0), formulation=formulation)
+        assert result.position("a")[-1] == pytest.approx(2.0, abs=1e-6), (r_a, r_b, ratio)
+        assert result.velocity("a")[-1] == pytest.approx(0.0, abs=1e-6), (r_a, r_b, ratio)
+        assert ("drive", -1, 0) in told(result)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_gear_pair_held_by_freewheels_stays(formulation: str) -> None:
+    """A clutch that begins to be pressed changes nothing of what two freewheels and a tie hold at rest."""
+    for normal in (5.0, piecewise_linear([0.66, 3.2], [0.0, 5.5]), piecewise_linear([0.0, 3.2], [2.0, 5.5])):
+        scene = Scene(
+            Body("a", inertia=1.8),
+            Body("b", inertia=1.1),
+            Body("c", inertia=0.2),
+            Tie("mesh", {"a": 1.0, "c": 1.3}),
+            OneWay("first", "a", "c", radius_a=0.6, radius_b=-1.9),
+            OneWay("second", "a", "b"),
+            Contact("clutch", "b", "c", DryFriction(0.48, 0.48), normal=normal, radius_a=-1.0, radius_b=-1.0),
+            Force("a", -7.95),
+        )
+        result = simulate(scene, (0.0, 2.0), formulation=formulation)
+        assert np.abs(result.y[:3]).max() < 1e-9 and not result.events

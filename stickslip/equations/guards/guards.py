@@ -24,6 +24,8 @@ FULLY = 0.999
 # Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell.
 _IF_DWELLING = 1e-2
 
+_LOOKS = 5  # times at which loads are looked at for what adds up in guards
+
 _TINY = np.finfo(float).tiny
 
 
@@ -49,8 +51,11 @@ class Guards(GuardsAtStart):
                 speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(motion.loads(tau)))
             # what a solver has begun to move a moment ago has no speed yet
             size[some] = np.maximum(speeds[self.row[some]], self.uncertain[some])
-        if rows.has_borders:
+        if rows.has_borders or rows.without_level.size:
+            # nor are stretches and forces that are compared with 0 any size where they begin and end
             size[self.is_border] = 0.0
+            some = np.append(rows.without_level, self.is_border.nonzero()[0])
+            size[some] = np.maximum(size[some], self._adds_up_along(path)[some])
         if rows.has_normals and system.dependence is not None:
             # what a normal force follows may be 0 where it starts, and again where it ends
             pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
@@ -62,6 +67,15 @@ class Guards(GuardsAtStart):
             g[self.order == 1] *= self.motion.horizon
             g[self._bent] *= self.motion.horizon**2
         return g, np.maximum(start, size)
+
+    def _adds_up_along(self, path: Path) -> Array:
+        """Return what adds up in the guards along a path: of loads that are no lines, at a few times."""
+        motion, segment = self.motion, self.motion.segment
+        taus = np.linspace(0.0, float(path.taus[-1]), _LOOKS)
+        q = np.abs(motion.inputs(taus, path.at(taus).T)).max(axis=1)
+        if segment.has_sines:
+            q[: segment.amplitudes.size] += segment.amplitudes
+        return self.rows.majorants(motion.equations.magnitudes(path.largest, q)[1], q)
 
     def row_and_direction(self, i: int) -> tuple[int, int] | None:
         """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where none does."""
