@@ -88,7 +88,8 @@ class Series:
             if motion.has_left(tau, y) or len(pieces) == _AT_ONCE:
                 # nobody need keep a long motion whole: it goes on from here
                 break
-        path = Path(np.array(ends), _padded(pieces, y.size), y, hit, touched=touched)
+        guard = step.guard if hit else None
+        path = Path(np.array(ends), _padded(pieces, y.size), y, hit, touched=touched, guard=guard)
         if len(pieces) == _AT_ONCE and tau * _AT_MOST < _AT_ONCE * horizon:
             raise SolverFailure(
                 f"the last {_AT_ONCE} steps took {tau:.3g} s of {horizon:.3g} s: the end is out of reach",

@@ -28,7 +28,7 @@ from stickslip.equations.taylor import ORDER, TaylorMap, is_small
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
-_LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
+LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
 _MOST_MAPS = 50
 
 # Accelerations on average that the force on one body changes, up to which sparse maps are put together.
@@ -248,7 +248,7 @@ class ModeEquations:
         left = row_maxima(G @ balance.T)
         if not but_by_drives:
             left = np.maximum(left, row_maxima(system.independent(G @ balance.U + D)))
-        return np.asarray(left <= _LOCKED * system.largest_lever[rows])
+        return np.asarray(left <= LOCKED * system.largest_lever[rows])
 
     @cached_property
     def always_locked(self) -> Mask:

@@ -27,6 +27,7 @@ class Path:
     hit: bool  # whether a guard came to 0 at the end
     is_chebyshev: bool = False  # whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not
     touched: int | None = None  # the row whose relative velocity touches 0 at the end, None for none
+    guard: int | None = None  # the guard that came to 0 at the end, None where that is not known
 
     @property
     def has_event(self) -> bool:

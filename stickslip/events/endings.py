@@ -71,6 +71,8 @@ def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
     if np.count_nonzero(near) != 1:
         return None
     i = int(near.argmax())
+    if path.guard is not None and i != path.guard:
+        return None
     if uncertain is not None and i in guards.passing and not _has_passed(values[i], guards.leeway[i]):
         return None
     return guards.row_and_direction(i)
@@ -101,9 +103,10 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
-        if part.min() > _ALONE and (back := guards.not_told(float(path.taus[-1]))).any():
-            # what is known to have come to 0 has left it so short a time before that its value does not tell
-            at = back
+        if (part.min() if path.guard is None else part[path.guard]) > _ALONE:
+            # what has come to 0 has left it so short a time before that its value does not tell, or is roundoff
+            back = guards.not_told(float(path.taus[-1]))
+            at = back if back.any() else guards.nearest(part, path)
         if guards.velocity_uncertainty is not None:
             at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
         # where a normal force ends it is not the row that has come to its limit

@@ -19,6 +19,7 @@ import scipy
 
 from stickslip.equations.algebra.matrices import dense, row_maxima
 from stickslip.equations.balance import joined
+from stickslip.equations.mode_equations import LOCKED
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -114,6 +115,12 @@ def _nearest(
     rows = part.nonzero()[0]
     sign = -turn[rows]
     short = wanted[rows] - sign * system.relative(v, u)[rows]
+    if rows.size and np.count_nonzero(ties):
+        # what ties hold cannot move: what is left of it is roundoff
+        locked = row_maxima(system.G[rows] @ balance.T) <= LOCKED * system.largest_lever[rows]
+        if np.any(torn := locked & (short > least[rows])):
+            raise Jammed(rows[torn])
+        rows, sign, short = rows[~locked], sign[~locked], short[~locked]
     if not np.any(short > least[rows]):
         return v, impulses
     push = dense(system.GT[:, rows]) * sign
@@ -155,13 +162,12 @@ def _complementary(gram: Array, short: Array, rows: Indices) -> Array:
     if distance <= _NO_DISTANCE:
         raise Jammed(rows[found > 0])
     # once the active rows are known their impulses follow from their equations: without the solver's roundoff
-    impulse = found / (1.0 - gap / scale @ found) * scale
     active = (found > _RANK * found.max(initial=0.0)).nonzero()[0]
     while active.size:
         exact = np.linalg.lstsq(unit[np.ix_(active, active)], gap[active], rcond=_RANK)[0]
         if (exact >= 0).all():
             impulse = np.zeros(rows.size)
             impulse[active] = exact
-            break
+            return np.asarray(impulse / size)
         active = active[exact >= 0]
-    return np.asarray(impulse / size)
+    return np.asarray(found * scale / distance**2 / size)

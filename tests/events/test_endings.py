@@ -186,3 +186,30 @@ def test_a_stop_that_leaves_its_limit_0_and_comes_back_is_the_one_that_is_hit() 
     last = [result.position("a")[-1], result.position("b")[-1], result.velocity("a")[-1], result.velocity("b")[-1]]
     assert last == pytest.approx(y, abs=1e-9)
     assert not [event for event in result.events if event.contact == "play"]
+
+
+def by_roundoff() -> Scene:
+    """A body that an end stop holds swings there by roundoff, and what it does ends motions of the others."""
+    push = piecewise_linear([0.37, 1.62, 1.7, 2.69, 3.31], [-9.75, 8.83, -5.53, -9.86, -7.69])
+    normal = piecewise_linear([0.34, 0.41, 0.87, 3.47], [9.54, 7.58, 0.0, 2.07])
+    return Scene(
+        Body("a", inertia=1.48),
+        Body("b", inertia=1.11),
+        Body("c", inertia=0.42),
+        Contact("rub", "b", GROUND, DryFriction(0.234, 0.18), normal=normal),
+        Spring("a", GROUND, stiffness=57.76, damping=0.3),
+        Stop("play", "c", "a", lower=0.0, upper=0.3, radius_a=1.2, radius_b=0.9),
+        Stop("end", GROUND, "a", lower=0.0, upper=0.3),
+        Force("c", push),
+    )
+
+
+def test_stops_are_hit_at_their_limits_only() -> None:
+    scene = by_roundoff()
+    result = simulate(scene, (0.0, 3.0))
+    stops = {stop.name: stop for stop in scene.stops}
+    hits = [event for event in result.events if event.cause == "impact" and event.contact in stops]
+    assert hits
+    for event in hits:
+        stop, stretch = stops[event.contact], result.sample([event.t]).stretch(event.contact)[0]
+        assert min(abs(stretch - stop.lower), abs(stretch - stop.upper)) < 1e-9, event

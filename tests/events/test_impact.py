@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from stickslip import GROUND, Body, Drive, OneWay, Scene, Stop, Tie
+from stickslip import GROUND, Body, Drive, Force, OneWay, Planetary, Scene, Stop, Tie, simulate
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed, Struck, struck
 
@@ -119,3 +119,15 @@ def test_a_thousand_random_impacts(seed: int) -> None:
             continue
         struck_ones += bool(found.impulses.any())
     assert struck_ones > 50
+
+
+@pytest.mark.parametrize("ratios", [(1.7, 2.1), (2.0, 1.9), (2.3, 2.9), (2.5, 1.9)])
+@pytest.mark.parametrize("ends", [("a", "b"), ("b", "a"), ("c", "b")])
+def test_what_ties_hold_takes_no_part(ratios: tuple[float, float], ends: tuple[str, str]) -> None:
+    """Two planetary gears make one of three shafts, so that a freewheel between two has nothing to do at the stop."""
+    gears = (Planetary(f"p{r}", sun="c", carrier="b", ring="a", ratio=r) for r in ratios)
+    shafts = (Body(name, inertia=1.0) for name in "abc")
+    scene = Scene(*shafts, *gears, OneWay("free", *ends), Stop("end", "b", GROUND, upper=0.5), Force("b", 5.0))
+    result = simulate(scene, (0.0, 2.0))
+    assert result.position("b")[-1] == pytest.approx(0.5, abs=1e-12)
+    assert np.abs(result.y[:3, -1]).max() < 1e-12

@@ -55,7 +55,7 @@ class Guards(GuardsAtStart):
             # nor are stretches and forces that are compared with 0 any size where they begin and end
             size[self.is_border] = 0.0
             some = np.append(rows.without_level, self.is_border.nonzero()[0])
-            size[some] = np.maximum(size[some], self._adds_up_along(path)[some])
+            size[some] = np.maximum(size[some], self._adds_up_along(path, q)[some])
         if rows.has_normals and system.dependence is not None:
             # what a normal force follows may be 0 where it starts, and again where it ends
             pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
@@ -68,13 +68,31 @@ class Guards(GuardsAtStart):
             g[self._bent] *= self.motion.horizon**2
         return g, np.maximum(start, size)
 
-    def _adds_up_along(self, path: Path) -> Array:
-        """Return what adds up in the guards along a path: of loads that are no lines, at a few times."""
+    def nearest(self, part: Array, path: Path) -> Mask:
+        """Return the guard that came to 0 at the end of a path; where that is not known, the one nearest to 0.
+
+        `part` is what is left of each as a part of its size, without zeros.
+        """
+        found = path.guard
+        if found is None:
+            left = self._leaves * np.minimum(self.order, 2)
+            passed = float(path.taus[-1]) / self.motion.horizon
+            found = int(np.where(self.order == NEVER, np.inf, np.abs(part) * passed**left).argmin())
+        return np.asarray(np.arange(self.size) == found)
+
+    def _adds_up_along(self, path: Path, last: Array) -> Array:
+        """Return what adds up in the guards along a path that ends with the `last` inputs.
+
+        Loads that are neither lines nor sines are looked at a few times on the way.
+        """
         motion, segment = self.motion, self.motion.segment
-        taus = np.linspace(0.0, float(path.taus[-1]), _LOOKS)
-        q = np.abs(motion.inputs(taus, path.at(taus).T)).max(axis=1)
+        q = np.maximum(np.abs(motion.start_inputs), np.abs(last))
+        if segment.has_functions or motion.dependence is not None:
+            taus = np.linspace(0.0, float(path.taus[-1]), _LOOKS)[1:-1]
+            q = np.maximum(q, np.abs(motion.inputs(taus, path.at(taus).T)).max(axis=1))
         if segment.has_sines:
-            q[: segment.amplitudes.size] += segment.amplitudes
+            amplitudes = segment.amplitudes
+            q[: amplitudes.size] += amplitudes
         return self.rows.majorants(motion.equations.magnitudes(path.largest, q)[1], q)
 
     def row_and_direction(self, i: int) -> tuple[int, int] | None:
