@@ -22,6 +22,7 @@ from stickslip import (
     Sampled,
     Scene,
     Spring,
+    Stop,
     feedback,
     piecewise_linear,
     position,
@@ -460,3 +461,22 @@ def test_breaks_of_other_loads_do_not_hide_it_in_a_long_run(breaks: list[float],
     (event,) = result.events
     assert event.t == pytest.approx(1 + 0.5 * math.log(1 + 0.5 * (1 - math.exp(-2))), abs=1e-7)
     assert result.sample([3.0]).mode("c")[0] == 0
+
+
+@pytest.mark.parametrize("options", [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
+def test_what_leaves_its_limit_hides_no_other(options: dict[str, Any]) -> None:
+    """A stop leaves slowly, so that its stretch is roundoff for a while: another one is hit meanwhile."""
+    scene = Scene(
+        Body("a", inertia=0.31, velocity=-0.14034827701528618),
+        Body("b", inertia=1.71, velocity=-1.8281830903657),
+        Spring("a", "b", stiffness=95.44, damping=1.45),
+        Stop("other", "a", "b", lower=-0.1, upper=0.3),
+        Stop("slow", "a", "b", lower=-0.16, upper=0.3, radius_a=0.8, radius_b=-1.4),
+        Force("a", piecewise_linear([0.22, 2.95, 3.6], [-7.95, 0.41, -7.13])),
+    )
+    exact = simulate(scene, (0.0, 3.0), method="series")
+    found = simulate(scene, (0.0, 3.0), rtol=1e-10, atol=1e-12, **options)
+    assert [event.cause for event in exact.events] == ["impact", "force 0", "impact", "impact", "force 0"]
+    assert [event.t for event in found.events] == pytest.approx([event.t for event in exact.events], abs=1e-7)
+    times = np.linspace(0.0, 3.0, 61)
+    np.testing.assert_allclose(found(times), exact(times), atol=1e-7)

@@ -48,18 +48,21 @@ def back_from_end(along: GuardsAlong, path: Path) -> Path:
 
 def _up_to_first(along: GuardsAlong, rows: Indices, end: float) -> Path:
     """Return the path up to where the first of some guards was 0 that are negative at local time `end`."""
-    path, found = along.path, end
+    path, found, guard = along.path, end, None
     for row in rows.tolist():
         # what begins beyond 0 is told where it has passed what is uncertain
         for beyond in (False, True):
             step = _last_before(along, row, end, beyond)
             if step is not None:
                 root = along.root(row, step, min(float(path.taus[step + 1]), end), beyond)
-                found = min(found, _once_driven_back(along, row, root, end))
+                root = _once_driven_back(along, row, root, end)
+                if root < found or guard is None:
+                    found, guard = root, row
                 break
     if found <= 0:
-        found = end
-    return replace(path, hit=True) if found >= path.taus[-1] else along.motion.until(path, found, hit=True)
+        found, guard = end, None
+    ended = path if found >= path.taus[-1] else along.motion.until(path, found)
+    return replace(ended, hit=True, guard=guard)
 
 
 def _once_driven_back(along: GuardsAlong, i: int, root: float, end: float) -> float:

@@ -168,14 +168,14 @@ class Guards(GuardsAtStart):
         """Tell which guards leave 0 at the start, and are roundoff up to a local time."""
         if self.is_plain:
             return np.zeros(self.size, dtype=bool)
-        return np.asarray(self._leaves & (tau <= self._roundoff[0]))
+        return np.asarray(tau <= self.each_told)
 
     def roundoff_until(self, rows: Indices) -> Array:
         """Return the local times until which relative velocities that leave 0 are roundoff, -1 for all others."""
         found = np.full(self.motion.system.m, -1.0)
         if not self.is_plain:
             leaves = self.is_velocity & self._leaves
-            found[self.row[leaves]] = self._roundoff[0][leaves]
+            found[self.row[leaves]] = self.each_told[leaves]
         return np.asarray(found[rows])
 
     @cached_property
@@ -366,7 +366,12 @@ class Guards(GuardsAtStart):
     @cached_property
     def told(self) -> float:
         """Local time until which the sign of a guard that leaves 0 is roundoff; -1 where none leaves it."""
-        return float(self._roundoff[0][self._leaves].max()) if self._leaves.any() else -1.0
+        return float(self.each_told.max()) if self._leaves.any() else -1.0
+
+    @cached_property
+    def each_told(self) -> Array:
+        """The same of each guard, -1 for those that do not leave 0."""
+        return np.where(self._leaves, self._roundoff[0], -1.0)
 
     @cached_property
     def _leaves(self) -> Mask:
