@@ -126,12 +126,12 @@ class Guards(GuardsAtStart):
         noise = ROUNDOFF * self.majorant
         rough = ROUNDOFF * self.scale + noise[0]
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
-        for k, rows in ((1, (self.order == 1).nonzero()[0]), (2, self._bent)):
-            if not rows.size:
-                continue
+        for k in set(self.order[self._leaves].tolist()):
+            rows = (self.order == k).nonzero()[0]
+            leads = g[k, rows] if k <= 2 else self._higher[0][k, rows]
             # where nothing but roundoff leaves 0 the quotient may be too large for a number
             with np.errstate(over="ignore"):
-                settled[rows] += (rough[rows] / np.maximum(g[k, rows], _TINY)) ** (1.0 / k)
+                settled[rows] += (rough[rows] / np.maximum(leads, _TINY)) ** (1.0 / k)
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
             self.is_velocity,
