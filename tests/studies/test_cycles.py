@@ -29,6 +29,7 @@ from stickslip import (
     Spring,
     StateSpace,
     Stop,
+    feedback,
     limit_cycle,
     output,
     piecewise_linear,
@@ -262,6 +263,20 @@ def test_two_blocks_on_a_belt() -> None:
     result = simulate(cycle.scene, (0.0, 10 * cycle.period))
     last = [event.t for event in result.events if event.contact == "ca" and event.after == 0]
     assert np.diff(last) == pytest.approx(cycle.period * np.ones(len(last) - 1), abs=1e-11)
+
+
+def test_what_whirls_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Froude's pendulum on a fast shaft: each turn is as the one before, but forces read where it is."""
+    monkeypatch.setattr(search, "_TRIES", 2)
+    scene = Scene(
+        Body("p", inertia=1.0, velocity=3.0),
+        Drive("shaft", velocity=4.0),
+        Contact("c", "p", "shaft", DryFriction(0.5, 0.2, stribeck_velocity=1.0), normal=1.0),
+        Force("p", feedback(lambda angle: -math.sin(angle), position("p"))),
+        motion="rotation",
+    )
+    with pytest.raises(CycleError, match=r"the position of 'p' goes on, by 4(\.0\d)? in a second, and forces read it"):
+        limit_cycle(scene)
 
 
 @pytest.mark.slow

@@ -24,7 +24,14 @@ from stickslip.simulation.result import Result, SimulationError
 from stickslip.simulation.simulate import compiled
 from stickslip.studies.cycles.cycle import Cycle, from_zero, mode_change
 from stickslip.studies.cycles.newton import closed
-from stickslip.studies.cycles.periodicity import Closing, check_constant, check_loads, middle_of, scene_at
+from stickslip.studies.cycles.periodicity import (
+    Closing,
+    check_constant,
+    check_loads,
+    middle_of,
+    read_positions,
+    scene_at,
+)
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.derivatives.variations import simulated
 
@@ -226,10 +233,10 @@ def _near(scene: Scene, guess: float | None, span: float, options: dict[str, Any
         if _LONGER * steps > _MOST_STEPS:
             break
         span *= _LONGER
-    raise CycleError(
-        f"no cycle was found: within {span:.6g} s the motion does not come back to where it was "
+    why = _goes_on(result) or (
         "(it may be chaotic or quasi-periodic, or approach its cycle slowly); give transient=... or guess=..."
     )
+    raise CycleError(f"no cycle was found: within {span:.6g} s the motion does not come back to where it was {why}")
 
 
 def longest_turn(system: System) -> float:
@@ -255,6 +262,26 @@ def _has_ended(result: Result) -> bool:
     moves = Closing(motion.system).of(motion.rate(last.end, last.kept_path.last))
     size = float(np.abs(result.y).max(initial=0.0)) or 1.0
     return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
+
+
+def _goes_on(result: Result) -> str:
+    """Return in words which position that forces read grows for ever, nothing if none does."""
+    system, start, stop = result.trajectory.system, float(result.t[0]), float(result.t[-1])
+    late = np.linspace(0.5 * (start + stop), stop, 5)
+    read = np.abs(read_positions(system)).max(axis=0, initial=0.0) > _STILL
+    steps = np.diff(result.sample(late).y[system.n : system.first_bristle], axis=1)
+    # as far in each eighth of the time, but for turns that are cut
+    least, most = np.abs(steps).min(axis=1), np.abs(steps).max(axis=1)
+    steady = read & (np.ptp(np.sign(steps), axis=1) == 0) & (least > 0.5 * most)
+    bodies = [*system.scene.bodies, *system.scene.drives]
+    for i, state in system.position_state.items():
+        if steady[state - system.n]:
+            speed = float(steps[state - system.n].sum()) / (stop - float(late[0]))
+            return (
+                f"(the position of {bodies[i].name!r} goes on, by {speed:.3g} in a second, and forces read it: what "
+                "comes back a turn further is not searched for)"
+            )
+    return ""
 
 
 def _dies_away(result: Result) -> str:
