@@ -30,16 +30,15 @@ def until_rest(motion: Motion, guards: Guards, path: Path, margin: Array) -> tup
         return path, []
     points = path.points.T
     w = _signed(motion, path.taus, points, rows)
-    leaves = guards.roundoff_until(rows)[:, None]
-    cut = path if uncertain is None else _until_unseen_crossing(motion, path, uncertain[rows], rows, w, leaves)
+    cut = path if uncertain is None else _until_unseen_crossing(motion, guards, path, uncertain[rows], rows, w)
     if cut is not path:
         points = cut.points.T
         w = _signed(motion, cut.taus, points, rows)
-    return _relaxed(motion, cut, margin[rows], rows, points, w, leaves) if may_relax else (cut, [])
+    return _relaxed(motion, guards, cut, margin[rows], rows, points, w) if may_relax else (cut, [])
 
 
 def _until_unseen_crossing(
-    motion: Motion, path: Path, uncertain: Array, rows: Indices, w: Array, leaves: Array
+    motion: Motion, guards: Guards, path: Path, uncertain: Array, rows: Indices, w: Array
 ) -> Path:
     """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
 
@@ -48,7 +47,10 @@ def _until_unseen_crossing(
     drove it on: that is a crossing, and no touch of 0.
     """
     found = float(path.taus[-1])
-    passed = (w < 0) & (path.taus > leaves)
+    passed = w < 0
+    if not np.count_nonzero(passed):
+        return path
+    passed &= path.taus > guards.roundoff_until(rows)[:, None]
     # what ends here is told there
     passed[:, -1] &= (w[:, -1] < (FULLY - 1) * uncertain) | (not path.has_event)
     for k in np.flatnonzero(passed.any(axis=1)).tolist():
@@ -90,7 +92,7 @@ def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
 
 
 def _relaxed(
-    motion: Motion, path: Path, margin: Array, rows: Indices, points: Array, w: Array, leaves: Array
+    motion: Motion, guards: Guards, path: Path, margin: Array, rows: Indices, points: Array, w: Array
 ) -> tuple[Path, list[int]]:
     """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
 
@@ -99,9 +101,10 @@ def _relaxed(
     """
     count = path.taus.size - path.has_event
     points, w = points[:, :count], w[:, :count]
-    near = (w <= margin[:, None]) & (w > 0) & (path.taus[:count] > leaves)
+    near = (w <= margin[:, None]) & (w > 0)
     if not np.count_nonzero(near):
         return path, []
+    near &= path.taus[:count] > guards.roundoff_until(rows)[:, None]
     # what has left rest only grows: no rates are needed to tell
     falls = w[:, 1:] <= w[:, :-1]
     edge = np.zeros((rows.size, 1), dtype=bool)
