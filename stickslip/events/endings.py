@@ -134,8 +134,10 @@ def at_stops(
         return sides, np.zeros(system.m, dtype=bool)
     functions = system.piecewise
     upper, lower, size = functions.limits(y, q, y if largest is None else largest)
+    # in flight a stop strikes where its guard says so: what is a little before that is no impact yet
+    near = (_AT_STOP if before is None else STRETCH_ROUNDOFF) * size
     of, row = functions.is_stop, functions.row[functions.is_stop]
-    sides[row] = np.where(upper <= _AT_STOP * size, 1, np.where(lower <= _AT_STOP * size, -1, 0))[of]
+    sides[row] = np.where(upper <= near, 1, np.where(lower <= near, -1, 0))[of]
     for border in crossed:
         if of[functions.owner[border]]:
             sides[functions.row[functions.owner[border]]] = 1 if functions.beyond[border] == 1 else -1

@@ -742,3 +742,30 @@ def test_what_starts_at_a_limit_but_for_roundoff_rebounds(place: float, start: f
     result = simulate(scene, (start, start + 2.0), method=method)
     assert [event.cause for event in result.events] == ["impact"]
     assert result.velocity("ball")[-1] == pytest.approx(1.0, abs=1e-7)
+
+
+@pytest.mark.parametrize("limit", [0.35, 1000.0])
+@pytest.mark.parametrize("creep", [1e-5, 1e-8])
+def test_what_happens_just_before_an_impact_is_none(limit: float, creep: float) -> None:
+    """A ball bounces on a stop and rubs on a drive that creeps towards it: before each impact the slip reverses.
+
+    It rises against 10.81 N and falls with 8.81 N: a flight that begins with u ends with u sqrt(8.81 / 10.81).
+    """
+    scene = Scene(
+        Body("ball", inertia=1.0, position=limit + 0.1),
+        Force("ball", -9.81),
+        Drive("creep", velocity=-creep),
+        Contact("rub", "ball", "creep", DryFriction(0.2, 0.2), normal=5.0),
+        Stop("floor", "ball", GROUND, lower=limit, restitution=0.3),
+    )
+    result = simulate(scene, (0.0, 2.0))
+    t, v, expected = math.sqrt(0.2 / 8.81), math.sqrt(0.2 * 8.81), []
+    for _ in range(8):
+        expected.append(t)
+        u = 0.3 * v
+        v = u * math.sqrt(8.81 / 10.81)
+        t += u / 10.81 + v / 8.81
+    impacts = [event.t for event in result.events if event.contact == "floor"]
+    assert impacts[:8] == pytest.approx(expected, abs=10 * creep)
+    assert len(result.events) < 60 and result.mode("floor")[-1] == -1
+    assert result.position("ball")[-1] == pytest.approx(limit, abs=1e-11 * limit)
