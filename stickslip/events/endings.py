@@ -123,19 +123,20 @@ def at_stops(
     before: Modes | None = None,
     largest: Array | None = None,
     crossed: Indices | tuple[()] = (),
+    is_exact: bool = False,
 ) -> tuple[Modes, Mask]:
     """Return at which limits stops are, and which of them have come there only now.
 
     `before` are the modes that rows showed, None at the start, and `crossed` borders that have been found at 0. A limit
-    is +1, the upper one, or -1; elsewhere stands 0.
+    is +1, the upper one, or -1; elsewhere stands 0. Where a motion `is_exact` a stop strikes where its guard says so:
+    what is a little before that is no impact yet.
     """
     sides = np.zeros(system.m, dtype=np.int8)
     if not system.has_stops:
         return sides, np.zeros(system.m, dtype=bool)
     functions = system.piecewise
     upper, lower, size = functions.limits(y, q, y if largest is None else largest)
-    # in flight a stop strikes where its guard says so: what is a little before that is no impact yet
-    near = (_AT_STOP if before is None else STRETCH_ROUNDOFF) * size
+    near = (STRETCH_ROUNDOFF if is_exact else _AT_STOP) * size
     of, row = functions.is_stop, functions.row[functions.is_stop]
     sides[row] = np.where(upper <= near, 1, np.where(lower <= near, -1, 0))[of]
     for border in crossed:
@@ -180,7 +181,7 @@ def jumped(
     # a drive that comes to rest with a corner does so but for the roundoff of the time
     rough = ROUNDOFF * (abs(t) + motion.horizon) * np.abs(system.drive_accelerations(q_before))
     jump = np.where(np.abs(after - before) > np.maximum(SAME * size, rough), after - before, 0.0)
-    sides, new = at_stops(system, y, q, labels, largest, crossed)
+    sides, new = at_stops(system, y, q, labels, largest, crossed, errors is None)
     w = system.relative(y[:n], before)
     hit = new & (sides * w > 0)
     if not (jump.any() or hit.any()):

@@ -308,7 +308,7 @@ class Variation(Nearby):
         crossed: Indices | tuple[()] = ()
         if system.has_stops and path.hit:
             crossed = at_limit(motion, VariedGuards(self, piece, motion).guards, path, []).crossed
-        sides, new = at_stops(system, path.last, loads[1], piece.labels, path.largest, crossed)
+        sides, new = at_stops(system, path.last, loads[1], piece.labels, path.largest, crossed, not path.is_chebyshev)
         hit = new & (sides * system.relative_velocity(path.last, loads[0]) > 0)
         is_soft = (system.is_friction | system.is_gap).all()
         is_pushed = not is_soft and np.abs(u[1] - u[0]).max(initial=0.0) > REST * speed
