@@ -128,16 +128,17 @@ def at_stops(
     """Return at which limits stops are, and which of them have come there only now.
 
     `before` are the modes that rows showed, None at the start, and `crossed` borders that have been found at 0. A limit
-    is +1, the upper one, or -1; elsewhere stands 0. Where a motion `is_exact` a stop strikes where its guard says so:
-    what is a little before that is no impact yet.
+    is +1, the upper one, or -1; elsewhere stands 0. Where a motion `is_exact` a stop strikes where its guard says so,
+    or with another one: what is a little before that is no impact yet.
     """
     sides = np.zeros(system.m, dtype=np.int8)
     if not system.has_stops:
         return sides, np.zeros(system.m, dtype=bool)
     functions = system.piecewise
     upper, lower, size = functions.limits(y, q, y if largest is None else largest)
-    near = (STRETCH_ROUNDOFF if is_exact else _AT_STOP) * size
     of, row = functions.is_stop, functions.row[functions.is_stop]
+    strikes = any(of[functions.owner[border]] for border in crossed)
+    near = (STRETCH_ROUNDOFF if is_exact and not strikes else _AT_STOP) * size
     sides[row] = np.where(upper <= near, 1, np.where(lower <= near, -1, 0))[of]
     for border in crossed:
         if of[functions.owner[border]]:
