@@ -775,18 +775,15 @@ def test_what_happens_just_before_an_impact_is_none(limit: float, creep: float) 
 def test_impacts_at_two_stops_that_accumulate_end_together() -> None:
     """A body in the narrowing corner of two stops: within 1e-9 s it is struck by both in turn, faster and faster."""
     scene = Scene(
+        *(Body(name, inertia=m) for name, m in {"a": 1.19, "b": 0.21, "c": 1.74, "d": 0.75}.items()),
         Drive("drive", velocity=1.89),
-        Body("a", inertia=1.19),
-        Body("b", inertia=0.21),
-        Body("c", inertia=1.74),
-        Body("d", inertia=0.75),
         Tie("mesh", {"a": -2.2, "d": 1.0}),
         Contact(
             "ca", "c", "a", DryFriction(0.19, 0.19), normal=piecewise_linear([0.13, 1.72, 2.45], [0.97, 0.0, 4.49])
         ),
         Contact("ground", "a", GROUND, DryFriction(0.37, 0.37), normal=3.01),
-        Contact("ba", "b", "a", DryFriction(0.484, 0.39), normal=8.04),
         Spring("a", GROUND, stiffness=4.84, damping=0.14),
+        Contact("ba", "b", "a", DryFriction(0.484, 0.39), normal=8.04),
         Gap("gap", "d", "c", stiffness=225.46, damping=1.48, lower=-0.1, upper=0.21, radius_a=1.8, radius_b=1.8),
         Stop("driven", "b", "drive", lower=-0.56, upper=0.43, restitution=0.5, radius_a=1.7, radius_b=1.4),
         Stop("play", "c", "b", lower=-0.11, upper=0.51),
