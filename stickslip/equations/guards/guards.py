@@ -375,13 +375,10 @@ class Guards(GuardsAtStart):
         """The same of each guard, -1 for those that do not leave 0."""
         return np.where(self._leaves, self._roundoff[0], -1.0)
 
-    @cached_property
-    def hidden_until(self) -> Array:
-        """Local time until which a solver's points do not tell the sign of each guard.
-
-        That of one that leaves 0 is roundoff for a while; beside it nothing else comes to 0 in no time at all.
-        """
-        return np.maximum(self.each_told, min(self.told, _NO_TIME * self.motion.horizon))
+    @property
+    def soonest(self) -> float:
+        """Local time before which nothing comes to 0 where something leaves it; -1 where nothing does."""
+        return min(self.told, _NO_TIME * self.motion.horizon)
 
     @cached_property
     def _leaves(self) -> Mask:
