@@ -55,13 +55,13 @@ class GuardsAlong:
             found += guards.leeway[rows, None]
         if guards.told >= 0:
             # up to there the sign of what leaves 0 is roundoff
-            found[taus <= guards.each_told[rows, None]] = np.inf
+            found[:, taus <= guards.told] = np.inf
         return found
 
     def root(self, row: int, step: int, right: float, late: bool) -> float:
         """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
-        if self.are_exact[row] and left > self.guards.each_told[row]:
+        if self.are_exact[row] and left > self.guards.told:
             coefficients = self._coefficients[row, step].tolist()
             coefficients[0] += float(self.guards.leeway[row]) if late else 0.0
 

@@ -59,7 +59,6 @@ def _up_to_first(along: GuardsAlong, rows: Indices, end: float) -> Path:
                 if root < found or guard is None:
                     found, guard = root, row
                 break
-    found = min(max(found, along.guards.soonest), end)
     if found <= 0:
         found, guard = end, None
     ended = path if found >= path.taus[-1] else along.motion.until(path, found)

@@ -24,8 +24,6 @@ FULLY = 0.999
 # Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell.
 _IF_DWELLING = 1e-2
 
-_NO_TIME = 1e-13  # part of the time ahead in which nothing can be told to happen after what happens at the start
-
 _LOOKS = 5  # times at which loads are looked at for what adds up in guards
 
 _TINY = np.finfo(float).tiny
@@ -374,11 +372,6 @@ class Guards(GuardsAtStart):
     def each_told(self) -> Array:
         """The same of each guard, -1 for those that do not leave 0."""
         return np.where(self._leaves, self._roundoff[0], -1.0)
-
-    @property
-    def soonest(self) -> float:
-        """Local time before which nothing comes to 0 where something leaves it; -1 where nothing does."""
-        return min(self.told, _NO_TIME * self.motion.horizon)
 
     @cached_property
     def _leaves(self) -> Mask:
