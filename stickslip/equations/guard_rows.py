@@ -139,6 +139,11 @@ class GuardRows:
         """The guards that are velocities."""
         return np.asarray(self.is_velocity.nonzero()[0])
 
+    @cached_property
+    def without_size(self) -> Indices:
+        """The guards that compare with 0, or with a limit that may be 0: forces without a level, and borders."""
+        return np.append(self.without_level, self.is_border.nonzero()[0])
+
     @property
     def forces(self) -> slice:
         """Where the guards stand that are no velocities, where no law has a pre-slip velocity."""

@@ -19,7 +19,7 @@ from stickslip.equations.algebra.matrices import (
     scaled,
     stacked,
 )
-from stickslip.equations.balance import joined
+from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads.loads import SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
@@ -28,7 +28,7 @@ from stickslip.equations.taylor import ORDER, TaylorMap, is_small
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
-LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
+_LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
 _MOST_MAPS = 50
 
 # Accelerations on average that the force on one body changes, up to which sparse maps are put together.
@@ -54,6 +54,14 @@ def where_nothing_sticks(system: System) -> Modes:
     """Return the modes in which contacts are open and stops and gaps apart; ties hold."""
     apart = system.is_stop | system.is_gap
     return np.select([system.is_tie, apart], [0, APART], OPEN).astype(np.int8)
+
+
+def no_body_moves(G: Any, balance: Balance, levers: Array) -> Mask:
+    """Tell which rows no body can move while the rows of a balance are held; drives may.
+
+    `G` are their coefficients on bodies, and `levers` the largest ones that each row has.
+    """
+    return np.asarray(row_maxima(G @ balance.T) <= _LOCKED * levers)
 
 
 def velocity_dependent_in(modes: Modes, system: System) -> Mask:
@@ -242,13 +250,13 @@ class ModeEquations:
     def locked(self, rows: Any, but_by_drives: bool = False) -> Mask:
         """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
         system, balance = self.system, self.balance
-        G, D = system.G[rows], system.D[rows]
+        G, D, levers = system.G[rows], system.D[rows], system.largest_lever[rows]
         if not self.held.size:
             return np.zeros(G.shape[0], dtype=bool)
-        left = row_maxima(G @ balance.T)
+        found = no_body_moves(G, balance, levers)
         if not but_by_drives:
-            left = np.maximum(left, row_maxima(system.independent(G @ balance.U + D)))
-        return np.asarray(left <= LOCKED * system.largest_lever[rows])
+            found &= row_maxima(system.independent(G @ balance.U + D)) <= _LOCKED * levers
+        return found
 
     @cached_property
     def always_locked(self) -> Mask:

@@ -137,12 +137,11 @@ def at_stops(
     functions = system.piecewise
     upper, lower, size = functions.limits(y, q, y if largest is None else largest)
     of, row = functions.is_stop, functions.row[functions.is_stop]
-    strikes = any(of[functions.owner[border]] for border in crossed)
-    near = (STRETCH_ROUNDOFF if is_exact and not strikes else _AT_STOP) * size
+    found = [border for border in crossed if of[functions.owner[border]]]
+    near = (STRETCH_ROUNDOFF if is_exact and not found else _AT_STOP) * size
     sides[row] = np.where(upper <= near, 1, np.where(lower <= near, -1, 0))[of]
-    for border in crossed:
-        if of[functions.owner[border]]:
-            sides[functions.row[functions.owner[border]]] = 1 if functions.beyond[border] == 1 else -1
+    for border in found:
+        sides[functions.row[functions.owner[border]]] = 1 if functions.beyond[border] == 1 else -1
     was = np.zeros(system.m, dtype=bool) if before is None else system.is_stop & (np.abs(before) == 1)
     if before is not None:
         sides[was] = before[was]

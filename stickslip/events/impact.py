@@ -19,7 +19,7 @@ import scipy
 
 from stickslip.equations.algebra.matrices import dense, row_maxima
 from stickslip.equations.balance import joined
-from stickslip.equations.mode_equations import LOCKED
+from stickslip.equations.mode_equations import no_body_moves
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -117,7 +117,7 @@ def _nearest(
     short = wanted[rows] - sign * system.relative(v, u)[rows]
     if rows.size and np.count_nonzero(ties):
         # what ties hold cannot move: what is left of it is roundoff
-        locked = row_maxima(system.G[rows] @ balance.T) <= LOCKED * system.largest_lever[rows]
+        locked = no_body_moves(system.G[rows], balance, system.largest_lever[rows])
         if np.any(torn := locked & (short > least[rows])):
             raise Jammed(rows[torn])
         rows, sign, short = rows[~locked], sign[~locked], short[~locked]

@@ -273,8 +273,9 @@ class Search:
             if against:
                 following[goes] = modes[goes]
                 # no more of them carry their level than others hold in their place
-                spared = rows[mine][equations_in(following, system, self._regions).locked(rows[mine])]
-                following[spared] = _carrying(side[np.isin(rows, spared)])
+                spared = mine.nonzero()[0]
+                spared = spared[equations_in(following, system, self._regions).locked(rows[spared])]
+                following[rows[spared]] = _carrying(side[spared])
                 rows_of_part = self._parts[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
                     continue

@@ -60,13 +60,25 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
             # a branch turns at a fold: there is room between its arms
             side = np.sign(np.mean(x) - point.value) if point.kind == "fold" else 0.0
             points.append((point.value, height, f"{point.kind} at {point.value:.6g}", after > before, side))
-    # what is said of a point stays within the axes
+    _write_beside(ax, points)
+    parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
+    ax.set_xlabel(parameter, **AS_IT_IS)
+    ax.set_ylabel("period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]", **AS_IT_IS)
+    within_or_beside(ax)
+    return ax
+
+
+def _write_beside(ax: Any, points: list[tuple[float, float, str, bool, float]]) -> None:
+    """Write what is said of points beside the curve, on either side of it in turn, and within the axes.
+
+    Each has its value, its height, a text, whether the curve rises there, and on which side of a fold its arms lie: 1
+    or -1, 0 where the curve goes on.
+    """
     left, right = ax.get_xlim()
     for k, (value, height, text, rises, side) in enumerate(sorted(points)):
         is_right = side > 0 if side else k % 2 == 0
         if not side and not left + _ROOM * (right - left) > value > right - _ROOM * (right - left):
             is_right = value < 0.5 * (left + right)
-        # beside the curve, on either side of it in turn
         ax.annotate(
             text,
             (value, height),
@@ -76,11 +88,6 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
             ha="left" if is_right else "right",
             va="center",
         )
-    parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
-    ax.set_xlabel(parameter, **AS_IT_IS)
-    ax.set_ylabel("period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]", **AS_IT_IS)
-    within_or_beside(ax)
-    return ax
 
 
 def _unit(branch: Any, body: str) -> str:

@@ -51,10 +51,10 @@ class Guards(GuardsAtStart):
                 speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(motion.loads(tau)))
             # what a solver has begun to move a moment ago has no speed yet
             size[some] = np.maximum(speeds[self.row[some]], self.uncertain[some])
-        if rows.has_borders or rows.without_level.size:
+        some = rows.without_size
+        if some.size:
             # nor are stretches and forces that are compared with 0 any size where they begin and end
             size[self.is_border] = 0.0
-            some = np.append(rows.without_level, self.is_border.nonzero()[0])
             size[some] = np.maximum(size[some], self._adds_up_along(path, q)[some])
         if rows.has_normals and system.dependence is not None:
             # what a normal force follows may be 0 where it starts, and again where it ends
@@ -166,16 +166,13 @@ class Guards(GuardsAtStart):
 
     def not_told(self, tau: float) -> Mask:
         """Tell which guards leave 0 at the start, and are roundoff up to a local time."""
-        if self.is_plain:
-            return np.zeros(self.size, dtype=bool)
         return np.asarray(tau <= self.each_told)
 
     def roundoff_until(self, rows: Indices) -> Array:
         """Return the local times until which relative velocities that leave 0 are roundoff, -1 for all others."""
         found = np.full(self.motion.system.m, -1.0)
-        if not self.is_plain:
-            leaves = self.is_velocity & self._leaves
-            found[self.row[leaves]] = self.each_told[leaves]
+        leaves = self.is_velocity & self._leaves
+        found[self.row[leaves]] = self.each_told[leaves]
         return np.asarray(found[rows])
 
     @cached_property
@@ -366,12 +363,12 @@ class Guards(GuardsAtStart):
     @cached_property
     def told(self) -> float:
         """Local time until which the sign of a guard that leaves 0 is roundoff; -1 where none leaves it."""
-        return float(self.each_told.max()) if self._leaves.any() else -1.0
+        return float(self.each_told.max(initial=-1.0))
 
     @cached_property
     def each_told(self) -> Array:
         """The same of each guard, -1 for those that do not leave 0."""
-        return np.where(self._leaves, self._roundoff[0], -1.0)
+        return np.where(self._leaves, self._roundoff[0], -1.0) if self._leaves.any() else np.full(self.size, -1.0)
 
     @cached_property
     def _leaves(self) -> Mask:
