@@ -307,6 +307,7 @@ class Inputs:
         """
         segment, size = self.segment, self.system.size
         found = np.abs(self._extended(0.0, self.y))
+        found[:size] = self.sizes
         if not segment.is_steady:
             value = np.abs((self.t - segment.start) * segment.slope)
             value += np.abs(segment.value)
@@ -315,6 +316,13 @@ class Inputs:
             begin = size + 2 * self.system.inputs + self._rising[self._age == 0]
             found[begin] = found[begin + self.system.dwelling.size] = 0.0
         return np.concatenate([found, np.abs(segment.sines.amplitude)]) if segment.has_sines else found
+
+    @cached_property
+    def sizes(self) -> Array:
+        """What adds up in the states at the start: their roundoff is a part of it."""
+        found, is_driven = np.abs(self.y), self.equations.is_driven
+        u = self.system.drive_velocities(np.abs(self.start_inputs)) if is_driven else found[:0]
+        return self.equations.add_up_led(found, u)
 
     @property
     def _rises_with_state(self) -> bool:

@@ -439,6 +439,17 @@ class ModeEquations:
             y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
         return y
 
+    def add_up_led(self, y: Array, u: Array) -> Array:
+        """Write into absolute values of a state what adds up in its dependent velocities, in place."""
+        if self.dependent.size:
+            led = self._led_sizes[0] @ y[: self.system.n]
+            y[self.dependent] = led + self._led_sizes[1] @ u if self.is_driven else led
+        return y
+
+    @cached_property
+    def _led_sizes(self) -> tuple[Any, Any]:
+        return abs(self.T_dependent), abs(self.U_dependent)
+
     def mobility(self, row: int) -> float:
         """Return the relative acceleration of a row by a force of 1 N or N m along it."""
         pull = dense(self.system.G[[row]])[0]

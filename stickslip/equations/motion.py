@@ -416,7 +416,7 @@ class Motion(Inputs):
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled, or, if
         `from_rates`, with nothing cancelled but in the rates; if `of_time`, without dwells that begin there.
         """
-        y, found = np.abs(self.y), []
+        y, found = self.sizes, []
         for k, q in enumerate(self._input_magnitudes(order, of_time)):
             if k == 1 and from_rates:
                 y = np.abs(self.first.y[1])
@@ -429,7 +429,7 @@ class Motion(Inputs):
 
     def rate_magnitudes(self) -> Array:
         """Return what adds up in the rates of the states at the start."""
-        return self.equations.magnitudes(np.abs(self.y), np.abs(self.start_inputs))[0]
+        return self.equations.magnitudes(self.sizes, np.abs(self.start_inputs))[0]
 
     def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
         """Return what adds up in the guards at the start, an order per row.

@@ -1,9 +1,11 @@
 """A sine presses a contact again where it crosses 0: roundoff there may not keep the contact open."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stickslip import (
     GROUND,
@@ -14,6 +16,7 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Tie,
     piecewise_linear,
     signal,
     simulate,
@@ -21,6 +24,7 @@ from stickslip import (
     step,
     velocity,
 )
+from stickslip.model.arrays import Array
 
 
 @pytest.mark.parametrize("method", ["auto", "BDF", "RK4"])
@@ -127,3 +131,35 @@ def test_a_contact_that_reverses_while_nothing_presses_it_stays_open_however_lat
     assert [e.after for e in late.events] == [e.after for e in at_once.events]
     wanted, found = at_once.sample(times).velocity("a"), late.sample(start + times).velocity("a")
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15 * start + 1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("speed", [0.3, 0.59, 1.0])
+def test_what_a_planet_carrier_presses_closes_when_its_brake_slips(speed: float, options: dict[str, Any]) -> None:
+    """The brake holds 0.92 N, which the ramp of 4 N/s reaches at 0.23 s; from then on N = 3 v grows as (t - 0.23)^2.
+
+    The gear's force does no work: of m v' = F - A h it is the h that keeps A v = 0.
+    """
+    gear, inertias = np.array([1.8, 1.0, -2.8]), np.array([0.8, 1.3, 1.05])
+
+    def rates(t: float, v: Array) -> Array:
+        forces = np.array([4.0 * t - 0.92, -3.0 * v[0] * (0.27 + 0.054 * math.exp(-((v[1] / 0.23) ** 2))), 0.0])
+        held = (gear @ (forces / inertias)) / (gear @ (gear / inertias))
+        return np.asarray((forces - gear * held) / inertias)
+
+    curve = DryFriction(0.324, 0.27, stribeck_velocity=0.23)
+    scene = Scene(
+        Body("carrier", inertia=0.8),
+        Body("sun", inertia=1.3, velocity=speed),
+        Body("ring", inertia=1.05, velocity=speed / 2.8),
+        Tie("gear", {"carrier": 1.8, "sun": 1.0, "ring": -2.8}),
+        Contact("brake", "carrier", GROUND, DryFriction(0.23, 0.23), normal=4.0),
+        Contact("rub", "sun", GROUND, curve, normal=3.0 * velocity("carrier")),
+        Force("carrier", piecewise_linear([0.0, 1.0], [0.0, 4.0])),
+    )
+    result = simulate(scene, (0.0, 0.9), rtol=1e-9, **options)
+    assert [(e.contact, int(e.after)) for e in result.events if e.contact == "brake"] == [("brake", 1)]
+    start = [0.0, speed, speed / 2.8]
+    wanted = solve_ivp(rates, (0.23, 0.9), start, rtol=1e-12, atol=1e-14).y[:, -1]
+    found = [result.velocity(name)[-1] for name in ("carrier", "sun", "ring")]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7)

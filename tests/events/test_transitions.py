@@ -21,6 +21,8 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Stop,
+    Tie,
     piecewise_linear,
     signal,
     simulate,
@@ -662,3 +664,24 @@ def test_breaks_that_differ_by_roundoff_are_one() -> None:
     assert [(event.contact, event.t) for event in result.events if abs(event.t - 3.0) < 1e-9] == [("free", 3.0)]
     sample = result.sample([2.99, 3.02])
     assert np.all(sample.breakaway("c0") > 3.99 * sample.normal("c0"))
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_a_geared_wheel_leaves_its_end_stop_as_its_brake_slips(method: str) -> None:
+    """The gear tells the wheel's velocity from those of others: what is left of it at the stop is their roundoff."""
+    scene = Scene(
+        Body("a", inertia=0.86),
+        Body("b", inertia=0.65),
+        Body("c", inertia=0.54),
+        Tie("gear", {"a": -1.0, "b": 3.3, "c": -2.3}),
+        Contact("brake", "c", GROUND, DryFriction(0.24, 0.24), normal=4.0),
+        Stop("end", "c", GROUND, lower=0.0, upper=0.19, radius_a=0.7, radius_b=0.3),
+        Spring("a", GROUND, stiffness=53.0, damping=0.57),
+        Force("c", sine(8.1, 0.93, 0.0, 2.5)),
+    )
+    exact = simulate(scene, (0.0, 3.0))
+    found = simulate(scene, (0.0, 3.0), method=method, rtol=1e-9, atol=1e-11)
+    assert sum(e.cause == "breakaway" for e in exact.events) > 2
+    assert [(e.contact, e.after) for e in found.events] == [(e.contact, e.after) for e in exact.events]
+    times = np.linspace(0.0, 3.0, 61)
+    np.testing.assert_allclose(found(times), exact(times), rtol=0, atol=2e-8)

@@ -103,7 +103,7 @@ class GuardsAtStart(GuardValues):
         if self._has_constant:
             near = near + _NEAR * self._constant
         if rows.has_borders:
-            size = self.motion.equations.border_magnitudes(np.abs(self.motion.y), np.abs(self.motion.start_inputs))
+            size = self.motion.equations.border_magnitudes(self.motion.sizes, np.abs(self.motion.start_inputs))
             near = near + np.zeros(self.size)
             near[self.is_border] = _NEAR * size + soon * np.abs(self.first[1, self.is_border])
         close = ~(g0 > near) | self.rests
