@@ -36,9 +36,22 @@ class _Followed:
     rate: Callable[[float, Array, Array], None]
     lookout: Lookout
     progress: Progress
+    has_begun: bool
 
     def __init__(self) -> None:
         self.linear_solver = LinearSolver()
+
+    def jacobian(self, tau: float, y: Array) -> Any:
+        """Return the Jacobian, the first one at the state that the motion comes to soon.
+
+        CVODE foresees its first point from rates alone, and from rest these are roundoff. Bristles that nothing presses
+        yet are as stiff as can be there, and with a Jacobian that is too stiff CVODE takes any step for solved.
+        """
+        whole = None if self.has_begun else self.motion.motion.soon(tau)
+        self.has_begun = True
+        if whole is None or not np.isfinite(whole).all():
+            whole = self.motion.expand(tau, y)
+        return self.motion.jacobian(tau, whole)
 
 
 class Cvode:
@@ -70,7 +83,7 @@ class Cvode:
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work
-        self._now.progress = progress
+        self._now.progress, self._now.has_begun = progress, False
         key, solver = self._solver(selected)
         lookout.end = None
         solution = solver.solve(np.array([0.0, tau]), selected.start)
@@ -112,7 +125,7 @@ class Cvode:
             now.rate(tau, y, out)
 
         def jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
-            now.linear_solver.fill(now.motion.jacobian(tau, y), out)
+            now.linear_solver.fill(now.jacobian(tau, y), out)
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             out[0] = now.lookout.at(tau, now.motion.expand(tau, y), y)
@@ -178,9 +191,9 @@ class Selected:
     def _in_arrays(self, tau: float, y: Array, out: Array) -> None:
         out[:] = self.pick(self.motion.rate(tau, self.expand(tau, y)))
 
-    def jacobian(self, tau: float, y: Array) -> Any:
-        """Return the Jacobian."""
-        return self.pick_both(self.motion.jacobian(tau, self.expand(tau, y)))
+    def jacobian(self, tau: float, whole: Array) -> Any:
+        """Return the Jacobian in a whole state."""
+        return self.pick_both(self.motion.jacobian(tau, whole))
 
     def pick_both(self, matrix: Any) -> Any:
         """Return the rows and columns of the states that are integrated."""

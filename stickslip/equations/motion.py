@@ -475,6 +475,10 @@ class Motion(Inputs):
         z2[: system.m] = system.relative(bend[: system.n], 0.5 * system.drive_accelerations(first.q[1]))
         return Expansion(first.y, np.array([*first.q, q2]), np.array([z0, z1, z2]))
 
+    def soon(self, tau: float) -> Array:
+        """Return the states at a local time not long after the start, from their first Taylor coefficients there."""
+        return np.asarray(tau ** np.arange(3) @ self.first.y)
+
     def _slope(self, tau: float, y: Array, rate: Array, q: Array, dq: Array) -> Array:
         """Return the derivatives of rates and watched quantities along the motion, whose inputs `q` change by `dq`."""
         equations, system = self.equations, self.system

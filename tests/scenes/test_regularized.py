@@ -761,3 +761,27 @@ def test_a_start_at_the_pre_slip_velocity(
     else:
         assert result.mode("c")[0] == 0
         assert w == pytest.approx(0.01 * push / 0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("inertia", [0.7, 1.0, 2.61])
+def test_bristles_that_the_speed_itself_presses(inertia: float, side: int, options: dict[str, Any]) -> None:
+    """With N = 2 v they relax at the constant rate k = sigma / (2 mu): v' = (F - F_0 - sigma z) / m, z' = v - k z.
+
+    The brake lets go at 0.3 s, F - F_0 grows by 1 N/s from then on; it is the third unknown, and 1 is the fourth.
+    """
+    stiffness, mu, span = 300.0, 0.46, 1.7
+    matrix = np.zeros((4, 4))
+    matrix[0, 1:3] = -stiffness / inertia, 1 / inertia
+    matrix[1, :2] = 1.0, -stiffness / (2 * mu)
+    matrix[2, 3] = 1.0
+    wanted = side * (expm(span * matrix) @ [0.0, 0.0, 0.0, 1.0])[0]
+    scene = Scene(
+        Body("b", inertia=inertia),
+        Contact("brake", "b", GROUND, DryFriction(0.3, 0.3), normal=1.0),
+        Contact("c", "b", GROUND, Dahl(DryFriction(mu, mu), stiffness), normal=2.0 * side * relative_velocity("c")),
+        Force("b", piecewise_linear([0.0, 2.0], [0.0, 2.0 * side])),
+    )
+    result = simulate(scene, (0.0, 2.0), **options)
+    assert result.velocity("b")[-1] == pytest.approx(wanted, abs=1e-7)
