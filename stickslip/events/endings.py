@@ -45,6 +45,13 @@ class EndState(NamedTuple):
     largest: Array  # (size,): bounds of the sizes of the states along the motion
 
 
+class StepErrors(NamedTuple):
+    """By how much a solver may err in the states (size,) in one step."""
+
+    least: Array  # where they are 0
+    most: Array  # as they are now
+
+
 class Jump(NamedTuple):
     """What impacts and jumping drives do at an instant."""
 
@@ -163,13 +170,13 @@ def jumped(
     labels: Modes,
     crossed: Indices,
     margin: Array,
-    errors: Array | None,
+    errors: StepErrors | None,
 ) -> Jump:
     """Return what impacts and jumping drives do at the end of a motion.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
-    rebound with less than their `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver
-    in the states; exact engines have none.
+    rebound with less than their `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver;
+    exact engines have none.
     """
     system, n, (t, tau, y, largest) = motion.system, motion.system.n, end
     if not (system.drives or system.has_stops):
@@ -204,7 +211,9 @@ def jumped(
     return Jump(parted, y, sides, hit, found, SAME * (system.abs_G @ fastest) + driven)
 
 
-def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: Array | None) -> Array:
+def _slowest_flight(
+    motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: StepErrors | None
+) -> Array:
     """Return the speeds (m,) below which stops that are hit come back before it can be told that they have left.
 
     In each part of the scene it is the largest of these. A stop is ``v^2 / 2 a`` away at most, where the acceleration a
@@ -220,7 +229,11 @@ def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: f
     some = functions.is_stop & hit[functions.row]
     if errors is not None:
         # of a stop that is hit the last flight may have been as low as this one
-        _, _, lost = functions.limits(np.zeros_like(errors), np.zeros_like(q), errors)
+        none = np.zeros_like(errors.least), np.zeros_like(q)
+        _, _, lost = functions.limits(*none, errors.least)
+        # where one gains speed in a flight as low as a step may err, what it gains is error: that has no end
+        _, _, most = functions.limits(*none, errors.most)
+        lost = np.where(_gains(motion, end, q, most), most, lost)
         # and a guard knows no more than the roundoff of the time leaves of its place
         late = TIME * abs(end.t) * speeds[functions.row]
         rough = 2.0 * (np.maximum(ROUNDOFF * size, lost) + late)[some]
@@ -234,6 +247,14 @@ def _slowest_flight(motion: Motion, end: EndState, q: Array, hit: Mask, ahead: f
     in_parts = np.zeros(part.max(initial=0) + 1)
     np.maximum.at(in_parts, part[functions.row[some]], slowest)
     return np.asarray(in_parts[part])
+
+
+def _gains(motion: Motion, end: EndState, q: Array, near: Array) -> Mask:
+    """Tell which stops have left a limit, but for what is `near`, as a motion began, and are faster at its end."""
+    system, functions, q0 = motion.system, motion.system.piecewise, motion.start_inputs
+    upper, lower, _ = functions.limits(motion.y, q0, motion.y)
+    left, back = system.relative_velocity(motion.y, q0), system.relative_velocity(end.y, q)
+    return np.asarray((np.minimum(upper, lower) <= near) & (np.abs(back) > np.abs(left))[functions.row])
 
 
 def open_from_here(system: System, modes: Modes, q: Array) -> Mask:

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from stickslip.engines.base import LOCAL, Engine, Task
+from stickslip.engines.base import Engine, Task
 from stickslip.engines.work import LOOK_AT_SCENE, SolverFailure
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards.at_start import ROUNDOFF
@@ -327,7 +327,7 @@ class Run:
     ) -> tuple[Situation, Jump]:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
-        errors = LOCAL * self._wanted.atol if self._wanted.has_errors else None
+        errors = self._wanted.step_errors(path.last)
         end = EndState(t, float(path.taus[-1]), path.last, path.largest)
         jump = jumped(motion, self.loads, end, now.labels, at.crossed, self._slowest_rebound, errors)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it

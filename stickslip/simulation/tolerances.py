@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.engines.base import Method
+from stickslip.engines.base import LOCAL, Method
 from stickslip.equations.algebra.matrices import row_maxima
 from stickslip.equations.system import System
+from stickslip.events.endings import StepErrors
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask
 from stickslip.model.checks import rounded_up
@@ -119,6 +120,13 @@ class Tolerances:
         if self.is_given or self.has_errors:
             return self.relaxation_margin(fastest)
         return row_maxima(self.system.abs_G * (_REBOUND * self._so_far(fastest)))
+
+    def step_errors(self, y: Array) -> StepErrors | None:
+        """Return by how much a step of the solver may err in the states `y`, None where the engine is exact."""
+        if not self.has_errors:
+            return None
+        least = LOCAL * self.atol
+        return StepErrors(least, least + LOCAL * self.rtol * np.abs(y))
 
     def _so_far(self, fastest: Array) -> Array:
         """Return the velocity scale of each body, no more than they have been `fastest` where that is a guess."""
