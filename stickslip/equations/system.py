@@ -517,6 +517,14 @@ class System:
         """Return the balance of forces with some rows held; the latest are remembered."""
         return self._balances(held.tobytes())
 
+    def with_held(self, y: Array, u: Array, held: Mask) -> Array:
+        """Return a state in which some rows are held, momentum conserved, while drives have the velocities `u`."""
+        if not np.count_nonzero(held):
+            return y
+        y = y.copy()
+        y[: self.n] = self.balance(held).project(y[: self.n], u)
+        return y
+
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]
         G, D = self.G[rows], self.D[rows]
