@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import row_maxima, split_by
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, like
 
 # Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common.
 _CANCELLED = 1e-14
@@ -176,7 +176,7 @@ class Balance:
         """Return accelerations of all bodies from all other forces on them, and from the drives' accelerations."""
         if drives is not None and self.count:
             led = self.U @ drives
-            return self._respond(forces - _rows(self._inertia, led) * led) + led
+            return self._respond(forces - like(self._inertia, led) * led) + led
         return self._respond(forces)
 
     def _respond(self, forces: Array) -> Array:
@@ -188,7 +188,7 @@ class Balance:
         """Return the forces of the held rows; of least norm where they are not unique."""
         if not self.count:
             return np.zeros((0, *forces.shape[1:]))
-        rest = forces - _rows(self._inertia, forces) * acceleration
+        rest = forces - like(self._inertia, forces) * acceleration
         found = self._S @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.forces(rest)
@@ -201,7 +201,7 @@ class Balance:
 
         It follows from absolute values of the forces on the bodies and of the accelerations of drives.
         """
-        inertia = _rows(self._inertia, forces)
+        inertia = like(self._inertia, forces)
         led = abs(self.U) @ drives if self.is_driven else None
         acceleration: Array = forces if led is None else forces + inertia * led
         for factor in reversed(self._sizes[1:]):
@@ -484,7 +484,3 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         block = matrix[own][:, own].toarray()
         entries.block(own, own, np.linalg.inv(block) if block.any() else np.zeros_like(block))
     return entries.matrix((size, size))
-
-
-def _rows(values: Array, like: Array) -> Array:
-    return values[:, None] if like.ndim == 2 else values
