@@ -133,7 +133,8 @@ class Balance:
         S.add((single, np.arange(single.size), 1.0 / c))
         dependent.append(bodies)
         first = single.size
-        for rows in _joined(G, np.setdiff1d(np.arange(h), single)):
+        others = np.setdiff1d(np.arange(h), single)
+        for rows in split_by(joined(G[others]), others) if others.size else []:
             tree = _Tree.of(self._inertia, G[rows], D[rows]) if rows.size > _SMALL else None
             if tree is not None:
                 T.add(tree.T)
@@ -284,14 +285,6 @@ def joined(G: Any) -> Indices:
     graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     return np.asarray(label[: G.shape[0]], dtype=np.intp)
-
-
-def _joined(G: Any, rows: Indices) -> list[Indices]:
-    """Return the connected components of some rows."""
-    if not rows.size:
-        return []
-    label = joined(G[rows])
-    return split_by(label, rows)
 
 
 class _Component:
@@ -457,8 +450,8 @@ class _Entries:
     def __bool__(self) -> bool:
         return bool(self._parts)
 
-    def add(self, part: tuple[Any, ...]) -> None:
-        self._parts.append((part[0], part[1], part[2]))
+    def add(self, part: tuple[Any, Any, Any]) -> None:
+        self._parts.append(part)
 
     def block(self, rows: Indices, columns: Indices, values: Array) -> None:
         i, j = values.nonzero()
