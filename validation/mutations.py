@@ -222,7 +222,7 @@ def _straight(original: Any) -> Any:
     return changed
 
 
-@breaks("projection-off", "velocities are not joined on locking", "stickslip.events.settle:_project")
+@breaks("projection-off", "velocities are not joined on locking", "stickslip.equations.system:System.with_held")
 def _untouched(original: Any) -> Any:
     return lambda system, y, u, held: y
 

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import row_maxima, split_by
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, like
 
 # Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common.
 _CANCELLED = 1e-14
@@ -133,7 +133,8 @@ class Balance:
         S.add((single, np.arange(single.size), 1.0 / c))
         dependent.append(bodies)
         first = single.size
-        for rows in _joined(G, np.setdiff1d(np.arange(h), single)):
+        others = np.setdiff1d(np.arange(h), single)
+        for rows in split_by(joined(G[others]), others) if others.size else []:
             tree = _Tree.of(self._inertia, G[rows], D[rows]) if rows.size > _SMALL else None
             if tree is not None:
                 T.add(tree.T)
@@ -176,7 +177,7 @@ class Balance:
         """Return accelerations of all bodies from all other forces on them, and from the drives' accelerations."""
         if drives is not None and self.count:
             led = self.U @ drives
-            return self._respond(forces - _rows(self._inertia, led) * led) + led
+            return self._respond(forces - like(self._inertia, led) * led) + led
         return self._respond(forces)
 
     def _respond(self, forces: Array) -> Array:
@@ -188,7 +189,7 @@ class Balance:
         """Return the forces of the held rows; of least norm where they are not unique."""
         if not self.count:
             return np.zeros((0, *forces.shape[1:]))
-        rest = forces - _rows(self._inertia, forces) * acceleration
+        rest = forces - like(self._inertia, forces) * acceleration
         found = self._S @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.forces(rest)
@@ -201,7 +202,7 @@ class Balance:
 
         It follows from absolute values of the forces on the bodies and of the accelerations of drives.
         """
-        inertia = _rows(self._inertia, forces)
+        inertia = like(self._inertia, forces)
         led = abs(self.U) @ drives if self.is_driven else None
         acceleration: Array = forces if led is None else forces + inertia * led
         for factor in reversed(self._sizes[1:]):
@@ -284,14 +285,6 @@ def joined(G: Any) -> Indices:
     graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     return np.asarray(label[: G.shape[0]], dtype=np.intp)
-
-
-def _joined(G: Any, rows: Indices) -> list[Indices]:
-    """Return the connected components of some rows."""
-    if not rows.size:
-        return []
-    label = joined(G[rows])
-    return split_by(label, rows)
 
 
 class _Component:
@@ -457,8 +450,8 @@ class _Entries:
     def __bool__(self) -> bool:
         return bool(self._parts)
 
-    def add(self, part: tuple[Any, ...]) -> None:
-        self._parts.append((part[0], part[1], part[2]))
+    def add(self, part: tuple[Any, Any, Any]) -> None:
+        self._parts.append(part)
 
     def block(self, rows: Indices, columns: Indices, values: Array) -> None:
         i, j = values.nonzero()
@@ -484,7 +477,3 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         block = matrix[own][:, own].toarray()
         entries.block(own, own, np.linalg.inv(block) if block.any() else np.zeros_like(block))
     return entries.matrix((size, size))
-
-
-def _rows(values: Array, like: Array) -> Array:
-    return values[:, None] if like.ndim == 2 else values

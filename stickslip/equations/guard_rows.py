@@ -15,7 +15,7 @@ from stickslip.equations.loads.loads import SineTurns
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_quickly_made
-from stickslip.model.arrays import Array, Indices, Mask, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes, like
 
 
 class InModes(Protocol):
@@ -217,9 +217,7 @@ class GuardRows:
 
     def majorants(self, z: Array, q: Array) -> Array:
         """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""
-        sign, mu, rise = (np.abs(x) for x in (self.sign, self.mu, self.rise))
-        if z.ndim == 2:
-            sign, mu, rise = sign[:, None], mu[:, None], rise[:, None]
+        sign, mu, rise = (like(np.abs(x), z) for x in (self.sign, self.mu, self.rise))
         found = sign * z[self.source] + mu * q[self.row]
         if self.rising.size:
             found[self.rising] += rise * q[self.dwell]

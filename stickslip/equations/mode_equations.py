@@ -25,7 +25,7 @@ from stickslip.equations.loads.loads import SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_small
-from stickslip.model.arrays import Array, Indices, Mask, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes, like
 from stickslip.model.laws.table import VelocityDependentForces
 
 _LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
@@ -67,9 +67,7 @@ def no_body_moves(G: Any, balance: Balance, levers: Array) -> Mask:
 def velocity_dependent_in(modes: Modes, system: System) -> Mask:
     """Tell which rows have a force that depends on their velocity; `modes` (m,) or (m, times)."""
     laws = system.laws
-    slides, builds = laws.curved, laws.has_slip_state
-    if modes.ndim == 2:
-        slides, builds = slides[:, None], builds[:, None]
+    slides, builds = like(laws.curved, modes), like(laws.has_slip_state, modes)
     return np.asarray((modes == FREE) | (slides & (np.abs(modes) == 1)) | (builds & (modes == 0)))
 
 
@@ -425,8 +423,7 @@ class ModeEquations:
         if self.held.size:
             parts.append((slice(size + m, first), balance.held_forces(forces, acceleration, rate)))
         if self.shares is not None:
-            inertia = system.inertia if forces.ndim == 1 else system.inertia[:, None]
-            own = self.shares @ (forces - inertia * acceleration)
+            own = self.shares @ (forces - like(system.inertia, forces) * acceleration)
             parts.append((slice(first, first + self.at_level.size), own))
         if borders is not None:
             parts.append((slice(size + self.watched_count - self.borders.size, size + self.watched_count), borders))
@@ -510,7 +507,7 @@ class ModeEquations:
         """
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
-        largest = system.largest_coefficient if q.ndim == 1 else system.largest_coefficient[:, None]
+        largest = like(system.largest_coefficient, q)
         abs_C, abs_Q = self._link_sizes
         forces = abs_C @ y + abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
         found = np.zeros((size + self.watched_count, *q.shape[1:]))
@@ -526,8 +523,8 @@ class ModeEquations:
             z[:m] += system.abs_D @ system.drive_velocities(q)
         if self.shares is not None:
             first = m + self.held.size
-            inertia = system.inertia if q.ndim == 1 else system.inertia[:, None]
-            z[first : first + self.at_level.size] = abs(self.shares) @ (forces + inertia * rate[:n])
+            sizes = forces + like(system.inertia, q) * rate[:n]
+            z[first : first + self.at_level.size] = abs(self.shares) @ sizes
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
         return rate, z

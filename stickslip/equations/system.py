@@ -23,7 +23,7 @@ from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
 from stickslip.equations.loads.sums import made_of_others
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.transmission import Transmission
-from stickslip.model.arrays import Array, Indices, Mask
+from stickslip.model.arrays import Array, Indices, Mask, like
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
@@ -502,8 +502,7 @@ class System:
 
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
-        limit = self.laws.slips_beyond
-        return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
+        return np.where(np.abs(w) > like(self.laws.slips_beyond, w), np.sign(w), 0.0)
 
     def decays(self, order: int) -> Array:
         """Return the sizes of the Taylor coefficients of ``exp(-t / dwell)`` of rows with a dwell, a line per order."""
@@ -516,6 +515,14 @@ class System:
     def balance(self, held: Mask) -> Balance:
         """Return the balance of forces with some rows held; the latest are remembered."""
         return self._balances(held.tobytes())
+
+    def with_held(self, y: Array, u: Array, held: Mask) -> Array:
+        """Return a state in which some rows are held, momentum conserved, while drives have the velocities `u`."""
+        if not np.count_nonzero(held):
+            return y
+        y = y.copy()
+        y[: self.n] = self.balance(held).project(y[: self.n], u)
+        return y
 
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]

@@ -201,9 +201,6 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
 
 def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:
     """Return the state in which a moving row is at rest, too."""
-    system, equal = motion.system, motion.exact(tau, y).copy()
     held = motion.equations.is_held.copy()
     held[row] = True
-    u = system.drive_velocities(motion.loads(tau))
-    equal[: system.n] = system.balance(held).project(y[: system.n], u)
-    return equal
+    return motion.system.with_held(y, motion.system.drive_velocities(motion.loads(tau)), held)

@@ -225,11 +225,9 @@ class Search:
 
     def _stay_together(self, trial: Modes) -> None:
         """Conserve momentum where a stop closes that rebounds so slowly that its flight would be roundoff."""
-        system, n = self._system, self._system.n
+        system = self._system
         u = system.drive_velocities(self._segment.at(self._now.t))
-        held = (trial == 0) & system.hard
-        self._y = self._y.copy()
-        self._y[:n] = system.balance(held).project(self._y[:n], u)
+        self._y = system.with_held(self._y, u, (trial == 0) & system.hard)
 
     def _farthest(self, motion: Motion, rows: Indices, ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.

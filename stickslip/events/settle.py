@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -139,7 +138,7 @@ def with_one(
         y = motion.exact(t - motion.t, y)
     else:
         u = system.drive_velocities(motion.segment.at(t)) if system.drives else y[:0]
-        y = _project(system, y, u, held)
+        y = system.with_held(y, u, held)
     modes, labels, at_level = equations.modes.copy(), last.labels.copy(), np.zeros(system.m, dtype=bool)
     at_level[row] = direction != 0
     while True:
@@ -257,7 +256,7 @@ def _settled(
     if now.labels is not None and (velocity_uncertainty is not None or np.count_nonzero(closed) < closed.size):
         named, resting = _directions(now, w, closed, resting, velocity_uncertainty)
     candidates = closed & resting
-    y = _project(system, now.y, u, candidates)
+    y = system.with_held(now.y, u, candidates)
     if y is not now.y:
         # rows that share a motion come to rest together, though an event may have found only one of them
         w = system.relative_velocity(y, q)
@@ -265,7 +264,7 @@ def _settled(
         if np.count_nonzero(also) and (also := also & system.hard).any():
             resting |= also
             candidates = closed & resting
-            y = _project(system, now.y, u, candidates)
+            y = system.with_held(now.y, u, candidates)
     labels = np.where(resting, 0, named).astype(np.int8)
     trial = _tried_first(system, labels, w, now, closed, at_stop)
     rests = (trial == 0) | (trial == OPEN) & (labels == 0)
@@ -275,7 +274,7 @@ def _settled(
     search = Search(system, segment, now, labels, candidates, regions, velocity_uncertainty)
     motion, guards = search.run(trial)
     if (stopped := _stopped_by(motion, candidates)) is not None:
-        y = _project(system, now.y, u, motion.equations.is_held)
+        y = system.with_held(now.y, u, motion.equations.is_held)
         now = now._replace(y=y, touching=now.touching | stopped)
         return _settled(system, segment, now, uncertainty, q, closed)
     crossed = np.zeros(system.m, dtype=bool) if velocity_uncertainty is None else now.crossed
@@ -338,7 +337,7 @@ def _at_rest_in_bands(
         return now
     resting = closed & ~moving & _resting(system, now, np.abs(w) <= rough, w, at_stop)
     held, led = resting & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
-    y = _project(system, now.y, u, held)
+    y = system.with_held(now.y, u, held)
     for j in moving.nonzero()[0].tolist():
         G = system.G[[j]]
         left = row_maxima(G @ system.balance(held).T)
@@ -346,7 +345,7 @@ def _at_rest_in_bands(
         if led[j]:
             continue
         held[j] = True
-        following = _project(system, now.y, u, held)
+        following = system.with_held(now.y, u, held)
         # what would turn a clutch forward moves on, too
         led[j] = bool((system.is_one_way & (system.relative(following[: system.n], u) > rough)).any())
         held[j] = not led[j]
@@ -374,14 +373,6 @@ def _directions(
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
         kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= velocity_uncertainty)
     return np.where(kept, now.labels, np.sign(w)), resting
-
-
-def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
-    if not np.count_nonzero(held):
-        return y
-    y = y.copy()
-    y[: system.n] = system.balance(held).project(y[: system.n], u)
-    return y
 
 
 def _slip_states(system: System, w: Array, now: Situation) -> Array:
@@ -416,16 +407,11 @@ def _relative(system: System, segment: Segment, y: Array, was: Array | None, t: 
     if was is not None:
         speed = np.maximum(speed, was[:n])
     largest = float(speed.max(initial=0.0))
-    found = _largest(system.abs_G, speed)
+    found = row_maxima(system.abs_G * speed)
     if system.drives:
         u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * t)
         if segment.has_sines:
             u += _OF_PHASE * system.drive_velocities(np.abs(segment.amplitudes))
         largest = max(largest, float(u.max()))
-        found = np.maximum(found, _largest(system.abs_D, u))
+        found = np.maximum(found, row_maxima(system.abs_D * u))
     return system.relative_velocity(y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
-
-
-def _largest(coefficients: Any, values: Array) -> Array:
-    """Return for each row the largest of its coefficients times the values."""
-    return row_maxima(coefficients * values)

@@ -16,7 +16,7 @@ import numpy as np
 from stickslip.equations.algebra.floats import smallest_of
 from stickslip.equations.guards.at_start import AT_LIMIT, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
-from stickslip.model.arrays import Array, Indices, Mask
+from stickslip.model.arrays import Array, Indices, Mask, like
 
 # Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff.
 FULLY = 0.999
@@ -217,30 +217,26 @@ class Guards(GuardsAtStart):
         q = self.motion.inputs(tau, y, self._wanted)
         g = self.raw(self.motion.watched(tau, y, q), q)
         if late and self.velocity_uncertainty is not None:
-            g += self.leeway[:, None] if g.ndim == 2 else self.leeway
+            g += like(self.leeway, g)
         return self._divided(g, tau)
 
     def _divided(self, g: Array, tau: float | Array) -> Array:
         """Divide zeros at the start out of the guards, in place, and return these."""
         if self.is_plain:
             return g
-
-        def column(values: Array) -> Array:
-            return values[:, None] if g.ndim == 2 else values
-
         settled, stray = self._roundoff
         stays = (self.order == NEVER).nonzero()[0]
-        g[stays] += column(stray[stays])
+        g[stays] += like(stray[stays], g)
         for k in (1, 2):
             rows = (self.order == 1).nonzero()[0] if k == 1 else self._bent
             if not rows.size:
                 continue
             start = self.first if k == 1 else self.start
-            rest = g[rows] - column(start[0, rows])
+            rest = g[rows] - like(start[0, rows], g)
             if k == 2:
-                rest -= tau * column(self._falls)
-            told = tau > column(settled[rows])
-            lead = column(np.maximum(start[k, rows], _TINY))
+                rest -= tau * like(self._falls, g)
+            told = tau > like(settled[rows], g)
+            lead = like(np.maximum(start[k, rows], _TINY), g)
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array
 from stickslip.model.quantities import as_expression
@@ -110,8 +109,3 @@ class Kernel:
     def by_state(self, w: Array, normal: Array, z: Array) -> Array:
         """Return the derivatives of the forces with respect to `z`."""
         raise NotImplementedError
-
-
-def like(values: NDArray[Any], w: Array) -> NDArray[Any]:
-    """Return numbers of contacts (k,) as a column where `w` has one column per time."""
-    return values[:, None] if w.ndim == 2 else values

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip.model.arrays import Array
-from stickslip.model.laws.base import Character, Kernel, Use, like
+from stickslip.model.arrays import Array, like
+from stickslip.model.laws.base import Character, Kernel, Use
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stickslip.model.arrays import Array
-from stickslip.model.laws.base import Character, Kernel, like
+from stickslip.model.arrays import Array, like
+from stickslip.model.laws.base import Character, Kernel
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 

@@ -191,8 +191,7 @@ class Shot:
             # the derivatives that have led there leave roundoff in held velocities
             system = compiled(own)
             q = system.loads(self.begin, self.begin + self.period).after(self.begin).at(self.begin)
-            held = (modes == 0) & system.hard
-            y[: system.n] = system.balance(held).project(y[: system.n], system.drive_velocities(q))
+            y = system.with_held(y, system.drive_velocities(q), (modes == 0) & system.hard)
         try:
             scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
             return Shot(scene, self.period + longer, self.forced, self.options, self.begin)

@@ -68,8 +68,7 @@ class Nearby:
             self.state_sizes[group] = size[group].max(initial=0.0) or 1.0
         rising = self.system.dwell[self.system.dwell > 0]
         self._dwell = float(rising.min(initial=np.inf))
-        laws: list[Any] = [getattr(law, "law", law) for law in self.system.laws.laws]
-        speeds = [law.stribeck_velocity for law in laws]
+        speeds = [law.core.stribeck_velocity for law in self.system.laws.laws]
         finest = float(self.system.laws.resolution.min(initial=np.inf))
         # speed within which friction forces bend
         self.bend = min([*(one for one in speeds if one is not None), finest])
