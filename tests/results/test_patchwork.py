@@ -1,8 +1,11 @@
 """What is known part by part: polynomials in runs, and the largest of overlapping ranges, against the plain way."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
+from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, simulate
 from stickslip.results.patchwork import SeriesOfMany, _largest_over
 
 
@@ -33,3 +36,22 @@ def test_values_and_integrals_are_those_of_each_polynomial(times: int) -> None:
         s = (t - origin[k]) / unit
         assert values[k] == pytest.approx(own(s), rel=1e-13, abs=1e-13)
         assert moved[k] == pytest.approx(begin[k] + unit * own.integ()(s), rel=1e-13, abs=1e-13)
+
+
+def test_pieces_of_a_run_that_was_followed_part_by_part_hold_its_states() -> None:
+    """20 blocks on a belt, each with a spring of its own and joined to its neighbours."""
+    names = [f"b{k}" for k in range(20)]
+    scene = Scene(
+        Drive("belt", velocity=0.3),
+        *(Body(name, inertia=1.0, position=0.5 + 0.5 * np.sin(7.3 * k)) for k, name in enumerate(names)),
+        *(Contact(f"c{name}", name, "belt", DryFriction(0.35, 0.2), normal=5.0) for name in names),
+        *(Spring(name, GROUND, stiffness=1.0, damping=0.05) for name in names),
+        *(Spring(a, b, stiffness=3.0) for a, b in pairwise(names)),
+    )
+    result = simulate(scene, (0.0, 3.0))
+    pieces = result.trajectory.pieces
+    assert result.trajectory.is_patchwork
+    assert len(pieces) > 10
+    for piece in (pieces[0], pieces[5], pieces[-1]):
+        tau = np.linspace(0.0, piece.end, 7)[1:-1]
+        np.testing.assert_allclose(piece.kept_path.at(tau), result(piece.t + tau).T, rtol=0, atol=1e-13)
