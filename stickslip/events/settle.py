@@ -171,23 +171,23 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     if system.dependence is not None:
         # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
-    tried, as_it_is = set[bytes](), False
+    tried, as_it_is = list[bytes](), False
     while True:
         found = _settled(system, segment, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
-        if as_it_is or not wrong.size:
+        if as_it_is or not wrong.size or (tried and found.guards.soon_right(wrong)):
             if (rows := pressed_together(found.motion)).size:
                 raise Jammed(rows)
             return found
         # the motion tells which normal forces that depend on it become positive or negative
-        tried.add(closed.tobytes())
+        tried.append(closed.tobytes())
         closed = closed.copy()
         closed[wrong] ^= True
-        if closed.tobytes() in tried:
-            if not system.free[wrong].all():
-                raise Inconsistent(wrong)
+        if (again := tried.count(closed.tobytes())) and system.free[wrong].all():
             # a law that never sticks has no force there either way; what only touches 0 stays closed
             closed[wrong] = as_it_is = True
+        elif again > 1:
+            raise Inconsistent(wrong)
 
 
 def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:

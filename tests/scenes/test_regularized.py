@@ -785,3 +785,25 @@ def test_bristles_that_the_speed_itself_presses(inertia: float, side: int, optio
     )
     result = simulate(scene, (0.0, 2.0), **options)
     assert result.velocity("b")[-1] == pytest.approx(wanted, abs=1e-7)
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-6, 1e-7])
+def test_contacts_that_the_speed_presses_open_where_it_turns(rtol: float) -> None:
+    """What presses with N = -2 v from the start is open once v has turned at 0.012 s, whatever of v is left there."""
+    bristles, curve = LuGre(DryFriction(0.21, 0.21), 300.0, 3.0), DryFriction(0.456, 0.38, stribeck_velocity=0.06)
+    scene = Scene(
+        Body("a", inertia=2.97),
+        Body("b", inertia=0.98),
+        Contact("under a", GROUND, "a", bristles, normal=2.0 * relative_velocity("under a")),
+        Contact("under b", GROUND, "b", curve, normal=2.0 * relative_velocity("under b")),
+        Contact("grip", "b", "a", DryFriction(0.338, 0.26), normal=14.33),
+        Spring(GROUND, "a", stiffness=24.09, damping=0.27),
+        Force("a", sine(4.22, 1.13, 0.0, 1.07)),
+        Force("b", -1.25),
+    )
+    result = simulate(scene, (0.0, 1.0), method="BDF", rtol=rtol)
+    exact = simulate(scene, (0.0, 1.0), formulation="multiplier", rtol=1e-9, atol=1e-11)
+    before, *after = result.sample([0.0119, 0.0121, 0.02, 0.05]).normal("under b").tolist()
+    assert before == pytest.approx(9.977e-6, rel=1e-3)
+    assert after == [0.0, 0.0, 0.0]
+    assert result.velocity("a")[-1] == pytest.approx(exact.velocity("a")[-1], abs=30 * rtol)

@@ -21,6 +21,7 @@ _AS_FIRED = 1e-6  # the same for a row that an event has just found there
 STRETCH_ROUNDOFF = 1e-15  # part of what adds up in a stretch within which a stop is at its limit
 _NEAR = 1e-5  # a held row this near to its level, as a part of it, deserves a closer look
 _NEAR_IN_TIME = 1e-12
+_AT_ONCE = 1e-9  # part of a motion within which what passes 0 does so at once
 TIME = 1e-15  # part of the time that is uncertain
 
 # Part of what adds up in second and higher coefficients that is uncertain in motions that are not linear: there these
@@ -223,6 +224,12 @@ class GuardsAtStart(GuardValues):
         # in a large scene few rows are asked for
         found[found] = equations.locked(some) if equations.system.sparse else equations.always_locked[some]
         return found
+
+    def soon_right(self, rows: Indices) -> bool:
+        """Tell whether misjudged rows are so at the start only: their normal forces pass 0 at once, as they should."""
+        some = self.is_normal & np.isin(self.row, rows)
+        value, rate = self.first[0, some], self.first[1, some]
+        return bool(((rate > 0) & (-value <= _AT_ONCE * rate * self.motion.horizon)).all())
 
     @property
     def stays_zero(self) -> Indices:
