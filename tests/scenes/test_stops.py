@@ -816,3 +816,33 @@ def test_rebounds_lower_than_a_step_may_err_come_to_an_end(rtol: float) -> None:
     times = np.linspace(0.0, 3.0, 61)
     np.testing.assert_allclose(found(times), exact(times), rtol=0, atol=300 * rtol)
     assert found.velocity("ball")[-1] == 0.0
+
+
+def test_a_stop_that_hardly_leaves_its_limit_is_not_struck_by_roundoff() -> None:
+    """It leaves with next to no acceleration, and what a gear tells of its velocity is roundoff of others."""
+    scene = Scene(
+        Body("a", inertia=1.49),
+        Body("b", inertia=0.51),
+        Body("c", inertia=1.55),
+        Contact(
+            "rub",
+            "a",
+            "b",
+            DryFriction(0.156, 0.12, stribeck_velocity=0.27),
+            normal=piecewise_linear([0.89, 1.59, 2.78], [5.75, 2.22, 5.21]) + 5.0 * velocity("a"),
+        ),
+        Tie("gear", {"c": -1.0, "b": 2.5, "a": -1.5}),
+        Stop("first", "b", GROUND, lower=-0.1, upper=0.08),
+        Stop("second", "b", "a", upper=0.3, restitution=0.6, radius_a=0.8, radius_b=1.1),
+        Stop("third", GROUND, "b", lower=0.0, upper=0.3, radius_a=0.3, radius_b=1.9),
+        Spring("b", "a", stiffness=30.36, damping=0.43, radius_b=0.7),
+        Force("c", sine(4.75, 0.32, 0.0, 2.67)),
+        Force("b", -0.67),
+    )
+    result, exact = (
+        simulate(scene, (0.0, 3.0), **options)
+        for options in ({}, {"formulation": "multiplier", "rtol": 1e-9, "atol": 1e-11})
+    )
+    assert len(result.events) < 20
+    times = np.linspace(0.0, 3.0, 31)
+    np.testing.assert_allclose(result(times), exact(times), rtol=0, atol=1e-6)
