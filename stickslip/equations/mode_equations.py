@@ -431,16 +431,16 @@ class ModeEquations:
 
     def consistent(self, y: Array, u: Array) -> Array:
         """Write the dependent velocities of a state (or rows of its columns) through T, in place."""
-        if self.dependent.size:
-            led = self.T_dependent @ y[: self.system.n]
-            y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
-        return y
+        return self._write_led(y, u, self.T_dependent, self.U_dependent)
 
     def add_up_led(self, y: Array, u: Array) -> Array:
         """Write into absolute values of a state what adds up in its dependent velocities, in place."""
+        return self._write_led(y, u, *self._led_sizes)
+
+    def _write_led(self, y: Array, u: Array, T: Any, U: Any) -> Array:
         if self.dependent.size:
-            led = self._led_sizes[0] @ y[: self.system.n]
-            y[self.dependent] = led + self._led_sizes[1] @ u if self.is_driven else led
+            led = T @ y[: self.system.n]
+            y[self.dependent] = led + U @ u if self.is_driven else led
         return y
 
     @cached_property

@@ -464,8 +464,7 @@ class Motion(Inputs):
         if self.is_linear:
             return self.expand(0.0, self.y, 2)
         first, size, d = self.first, self.system.size, self.difference_step
-        (y, rate, bend), (z0, z1) = first.y, first.z
-        ahead = y + d * (rate + d * bend)
+        bend, (z0, z1), ahead = first.y[2], first.z, self.soon(d)
         rate_ahead = self.rate(d, ahead)
         q1_ahead = self._input_rate(d, ahead, rate_ahead)
         later = self._slope(d, ahead, rate_ahead, self.inputs(d, ahead), q1_ahead)
@@ -477,7 +476,8 @@ class Motion(Inputs):
 
     def soon(self, tau: float) -> Array:
         """Return the states at a local time not long after the start, from their first Taylor coefficients there."""
-        return np.asarray(tau ** np.arange(3) @ self.first.y)
+        y, rate, bend = self.first.y
+        return np.asarray(y + tau * (rate + tau * bend))
 
     def _slope(self, tau: float, y: Array, rate: Array, q: Array, dq: Array) -> Array:
         """Return the derivatives of rates and watched quantities along the motion, whose inputs `q` change by `dq`."""

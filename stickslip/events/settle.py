@@ -175,6 +175,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     while True:
         found = _settled(system, segment, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
+        # once rows have been tried, normal forces that pass 0 at once as they should are wrong by roundoff only
         if as_it_is or not wrong.size or (tried and found.guards.soon_right(wrong)):
             if (rows := pressed_together(found.motion)).size:
                 raise Jammed(rows)

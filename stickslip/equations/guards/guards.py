@@ -128,14 +128,14 @@ class Guards(GuardsAtStart):
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
         for k in set(self.order[self._leaves].tolist()):
             rows = (self.order == k).nonzero()[0]
-            leads = g[k, rows] if k <= 2 else self._higher[0][k, rows]
+            leads = np.maximum(g[k, rows] if k <= 2 else self._higher[0][k, rows], _TINY)
             # where nothing but roundoff leaves 0 the quotient may be too large for a number
             with np.errstate(over="ignore"):
-                settled[rows] += (rough[rows] / np.maximum(leads, _TINY)) ** (1.0 / k)
+                settled[rows] += (rough[rows] / leads) ** (1.0 / k)
                 if k > 1:
                     # a slope that is roundoff may bring it below 0 again
                     slope = STRETCH_ROUNDOFF * self.majorant[1, rows]
-                    settled[rows] += (slope / np.maximum(leads, _TINY)) ** (1.0 / (k - 1))
+                    settled[rows] += (slope / leads) ** (1.0 / (k - 1))
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
             self.is_velocity,
