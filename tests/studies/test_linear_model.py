@@ -25,6 +25,7 @@ from stickslip import (
     Spring,
     StateSpace,
     Stop,
+    Tie,
     linearize,
     normal,
     output,
@@ -395,6 +396,22 @@ def test_a_normal_force_that_is_just_0_is_a_corner() -> None:
     with pytest.raises(ValueError, match="the normal force of contact 'c' is just 0"):
         linearize(scene)
     assert linearize(scene.replace("n", position=0.1)).A.shape == (3, 3)
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.0, 1.3])
+@pytest.mark.parametrize("speed", [0.3, 0.59, 1.0])
+def test_a_normal_force_that_a_gear_keeps_at_0_is_a_corner(speed: float, ratio: float) -> None:
+    """1.8 carrier = 2.8 ring - ratio sun = 0: what a number leaves of it is roundoff of the others."""
+    scene = Scene(
+        Body("carrier", inertia=0.8),
+        Body("sun", inertia=1.3, velocity=speed),
+        Body("ring", inertia=1.05, velocity=speed * ratio / 2.8),
+        Tie("gear", {"carrier": 1.8, "sun": ratio, "ring": -2.8}),
+        Contact("c", "sun", GROUND, DryFriction(0.5, 0.4), normal=3 * velocity("carrier")),
+        Spring("carrier", GROUND, stiffness=2.0),
+    )
+    with pytest.raises(ValueError, match="the normal force of contact 'c' is just 0"):
+        linearize(scene)
 
 
 @pytest.mark.parametrize("kind", ["saturated", "table", "gap"])
