@@ -5,8 +5,9 @@ per row, the lightest bodies first, gives ``v = T v_ind + U u``; then
 
     T^T M T v_ind' = T^T (F - M U u'),    lambda = S^T (F - M v')_dep.
 
-For two bodies that is eq. (1) of Breedveld (2000), ``lambda = F_a - m_a a``, summed over the lighter side of each cut.
-Rows that lock the same motion leave lambda undetermined; the forces of least norm are returned.
+For two bodies that is eq. (1) of Breedveld (2000), ``lambda = F_a - m_a a``. In a tree of contacts it is the sum of
+``F - m a`` over the bodies on one side of the row. Rows that lock the same motion leave lambda undetermined; the forces
+of least norm are returned.
 """
 
 from __future__ import annotations
@@ -23,38 +24,41 @@ import scipy
 from stickslip.equations.algebra.matrices import row_maxima, split_by
 from stickslip.model.arrays import Array, Indices, like
 
-# Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common.
+# A difference below this part of the subtracted number is 0: numbers of the scene agree in no more digits.
 _CANCELLED = 1e-14
 
 _SMALL = 60  # connected rows up to which a component is eliminated densely
 _REMEMBERED = 2000  # small components that are remembered; each takes up to some 50 kB
 _ZERO = 1e-11
 
-# Force between prescribed bodies that part, as a multiple of inertia times relative acceleration.
+# Where drives move apart, the force of the held rows between them is this many times the inertia of the rows' bodies
+# times the relative acceleration.
 _RIGID = 1e10
 
 
 class Balance:
     """Accelerations and held forces of one set of held rows.
 
-    `G` and `D` are the coefficients of the held rows on the free bodies and on the drives. ``component(some)`` returns
-    the component that some of these rows form, where many are known. ``independent(coefficients)`` are coefficients on
-    drives as those on the ones of whose velocities all others are sums.
+    `G` and `D` are the coefficients of the held rows on the free bodies and on the drives. For sparse ones,
+    ``component(some)`` returns the component that some of these rows form; it may remember components of earlier
+    balances. ``independent(coefficients)`` turns coefficients on all drives into coefficients on independent drives:
+    the velocities of all others are sums of theirs.
 
     Attributes
     ----------
     T : array or sparse (n, n)
         Velocities of all bodies from those of the independent ones; the columns of dependent ones are 0.
     U : array or sparse (n, d)
-        What the drives' velocities add.
+        What the velocities of drives add to those of bodies.
     dependent : array of int
-        Bodies whose velocities follow.
+        Bodies whose velocities follow from those of independent bodies and drives.
     T_dependent, U_dependent : array or sparse
         Their rows of T and U.
     loop : array (h,) of int
-        Rows whose forces are not unique have the number of their loop, all others -1. Loops that share no row differ.
+        The number of the loop of each row whose force is not unique, -1 for all others. Loops that share rows are one.
     parting : array or sparse (h, d) or None
-        Forces that drives which move apart would need, for their accelerations; None where they cannot tear anything.
+        Map from the accelerations of drives to the forces that rows would need to hold drives together that move apart;
+        None where drives cannot tear any rows.
     """
 
     def __init__(
@@ -81,7 +85,10 @@ class Balance:
 
     @property
     def changed_accelerations(self) -> float:
-        """How many accelerations all forces change at most, one force on each body; inf where no matrix tells."""
+        """A bound of how many accelerations a force on each body changes, summed over these forces.
+
+        It is inf where there are large trees.
+        """
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
 
@@ -174,7 +181,7 @@ class Balance:
         return self.consistent(v + self._reduced @ (self._TT @ (self._inertia * off)), u)
 
     def accelerations(self, forces: Array, drives: Array | None = None) -> Array:
-        """Return accelerations of all bodies from all other forces on them, and from the drives' accelerations."""
+        """Return accelerations of all bodies; `forces` are all but those of held rows, `drives` are accelerations."""
         if drives is not None and self.count:
             led = self.U @ drives
             return self._respond(forces - like(self._inertia, led) * led) + led
@@ -198,9 +205,9 @@ class Balance:
         return found
 
     def magnitudes(self, forces: Array, drives: Array) -> tuple[Array, Array]:
-        """Return what adds up in accelerations and in held forces.
+        """Return majorants of the accelerations and of the held forces: sums of the absolute values of their terms.
 
-        It follows from absolute values of the forces on the bodies and of the accelerations of drives.
+        They follow from majorants of the forces on the bodies and of the accelerations of drives.
         """
         inertia = like(self._inertia, forces)
         led = abs(self.U) @ drives if self.is_driven else None
@@ -223,14 +230,14 @@ class Balance:
 
 
 class Components:
-    """The connected components that some of a scene's rows form, eliminated; from one event to the next few change."""
+    """Eliminates connected components of a scene's rows, and remembers small ones: an event changes only few."""
 
     def __init__(self, inertia: Array, G: Any, D: Any, independent: Callable[[Array], Array] = np.asarray) -> None:
         self._inertia, self._G, self._D, self._independent = inertia, G, D, independent
         self._remembered = lru_cache(maxsize=_REMEMBERED)(self._eliminated)
 
     def component(self, rows: Indices) -> _Eliminated:
-        """Return the component that rows form."""
+        """Return the component that some rows form."""
         return (self._remembered if rows.size <= _SMALL else self._eliminated)(rows.tobytes())
 
     def _eliminated(self, key: bytes) -> _Eliminated:
@@ -264,7 +271,7 @@ class _Eliminated(NamedTuple):
 
 
 def _alone(G: Any) -> tuple[Indices, Indices, Array]:
-    """Return the rows that are the only ones on their only body, these bodies, and the coefficients."""
+    """Return the rows with a single body on which no other row acts, these bodies, and the coefficients."""
     on_body = np.bincount(G.indices, minlength=G.shape[1])
     rows = (np.diff(G.indptr) == 1).nonzero()[0]
     places = G.indptr[rows]
@@ -274,7 +281,7 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
 
 
 def joined(G: Any) -> Indices:
-    """Return a number for each row: those that bodies join directly or by others have the same."""
+    """Return a number for each row: rows that share a body, directly or by way of other rows, have the same number."""
     if isinstance(G, np.ndarray):
         number = np.arange(G.shape[0])
         for column in (G != 0).T:
@@ -332,18 +339,18 @@ class _Component:
     def _least_norm(
         self, inertia: Array, G: Array, D: Array, independent: Callable[[Array], Array], null: Array, scale: Array
     ) -> None:
-        """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
+        """Subtract from the forces the part that no body feels; rows are scaled to their largest coefficient."""
         links = np.abs(null) > _ZERO
         number = np.unique(joined(links), return_inverse=True)[1]
         self.loop = np.where(links.any(axis=0), number[links.argmax(axis=0)], -1)
         null = np.where(links, null, 0.0)
-        # forces of unit rows: lambda * scale
+        # for the forces of scaled rows: lambda * scale
         unit = null * scale
         gram = np.linalg.pinv(unit @ unit.T)
-        # loops that share no row have nothing to do with each other
+        # loops that share no row do not affect each other
         gram[number[:, None] != number] = 0.0
         free = unit.T @ gram @ unit
-        # a projection
+        # no entry of a projection is above 1: below this it is roundoff
         free[np.abs(free) <= _CANCELLED] = 0.0
         spread = np.abs(free) @ (scale[:, None] * np.abs(self.S)) / scale[:, None]
         self.S = _difference(self.S, free @ (scale[:, None] * self.S) / scale[:, None], spread)
@@ -352,7 +359,7 @@ class _Component:
             off = null @ D
             off[np.abs(off) <= _ZERO * np.maximum(np.abs(null) @ np.abs(D), 1.0)] = 0.0
             if off.any():
-                # what is not of a loop makes it no stiffer
+                # only the bodies of a loop make it stiff
                 of_loop = np.array([links[number == k].any(axis=0) for k in range(number.max() + 1)])
                 stiff = _RIGID * ((of_loop @ np.abs(G) > 0) @ inertia)
                 stiff[stiff == 0] = _RIGID
@@ -360,7 +367,7 @@ class _Component:
 
 
 def _difference(a: Array, b: Array, size: Array | None = None) -> Array:
-    """Return ``a - b``, exactly 0 where no more than roundoff of `size` is left, which is that of b unless given."""
+    """Return ``a - b``, exactly 0 where it is roundoff of `size`, by default ``|b|``."""
     found: Array = a - b
     found[np.abs(found) <= _CANCELLED * (np.abs(b) if size is None else size)] = 0.0
     return found
@@ -426,17 +433,17 @@ class _Tree:
         back[rows] = np.arange(rows.size)
         gain, sizes = 1.0, np.abs(G.data)
         if sizes.min() != 1.0 or sizes.max() != 1.0:
-            # along a way through the tree, ratios of coefficients multiply: the forces of units at the leaves tell
+            # along a path through the tree, ratios of coefficients multiply: a rest of 1 at each body shows how far
             farthest = float(np.abs(solver.solve(np.ones(dependent.size))).max())
             gain = farthest / sizes.min() * sizes.max()
         return cls(T, U, dependent, solver, back, gain)
 
     def forces(self, rest: Array) -> Array:
-        """Return the forces of the rows from what is left of the forces on the bodies."""
+        """Return the forces of the rows from the rests ``F - M v'`` of the forces on all bodies."""
         return np.asarray(self.solver.solve(rest[self.dependent])[self.order])
 
     def magnitude(self, rest: Array) -> Array:
-        """Return a bound of what adds up in them."""
+        """Return bounds of the majorants of these forces, from those of the rests."""
         total = self.gain * rest[self.dependent].sum(axis=0)
         return np.broadcast_to(total, (self.dependent.size, *rest.shape[1:]))
 

@@ -1,11 +1,11 @@
-"""Scenes whose events reach only what is near: rows join bodies in trees, and every coupling hands little on.
+"""Scenes whose events reach only bodies near by: rows join bodies in trees, and every coupling passes on little.
 
-Numbered from the root out, the bodies beyond a row are those of one interval: the force of a held row is the sum of
-what is left of the forces over its side, ``lambda = c sum (F - M v')``. What one body does differently reaches a body
-d couplings away with at most the d-th of a chain of majorant series; beyond `hops` that is roundoff.
+Bodies are numbered from the root out, so that the bodies beyond a row are an interval. The force of a held row is a sum
+over these: ``lambda = c sum (F - M v')``. If the motion of one body changes, that of a body d couplings away changes by
+the d-th of a chain of majorant series at most; beyond `hops` couplings that is roundoff.
 
-Bodies that rows join in any other way are a knot: by loops, ties, one-way clutches, stops, or with radii. There may be
-a few of them.
+Bodies that rows join in any other way form a knot: by loops, ties, one-way clutches, stops, or with radii. A scene may
+have a few knots.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
-# Part of the bodies that may be in knots, and bodies of one knot: its events are settled with the whole scene.
+# Largest part of the bodies in knots, and most bodies of one knot: its events are settled with the whole scene.
 _MOST_IN_KNOTS, _LARGEST_KNOT = 0.3, 60
 
 
@@ -38,15 +38,15 @@ class Forest:
     period : float
         The shortest period in s of its loads, inf where these are straight.
     child, parent : array (m,) of int
-        The ends of each row, the second nearer to the root, -1 where that is the ground or a drive.
+        The ends of each row; the parent is nearer to the root, -1 where it is the ground or a drive.
     lever : array (m, 3)
         Coefficients of child, parent and drive.
     sign : array (m,)
-        That of the child: of a contact, ``w = sign (v_child - v_parent)``.
+        Coefficient of the child: for a contact, ``w = sign (v_child - v_parent)``.
     drive : array (m,) of int
         The drive of a row without a parent, -1 for the ground.
     first, last : array (n,) of int
-        The interval of places of each body and all beyond it.
+        The first and the last place of each body and all bodies beyond it.
     body_at : array (n,) of int
         The body at each place.
     in_tree : array (m,) of bool
@@ -62,24 +62,25 @@ class Forest:
     gaps_from, gaps_at, aside_from, aside_at : array of int
         The same for gaps and stops, and for rows in no tree that join at most two bodies and may move.
     row_of : array (n,) of int or None
-        The only row in a tree at each body, -1 where it has none, if every one joins one body to the ground or a drive.
+        The row in a tree at each body, -1 for none. None unless all of these rows join one body to the ground or a
+        drive, and no body has two.
     near_from, near, near_row, stiffness, damping : arrays
-        The same for couplings: force on i, the `near_row` of each entry, from positions and velocities, its own among
-        them. Gaps have entries, too, which are 0 here.
+        The same for couplings. The entries of a body, the `near_row`, are the forces on it by position and velocity of
+        other bodies `near`, and by its own. Gaps have entries, too, which are 0 here.
     coupled : array (n,) of bool
         Which bodies springs, dampers or forces that follow the motion act on.
     gap_entries : arrays
-        Which of these entries gaps have: the entry, the gap, and the factor of its force there.
+        The entries that gaps have: number of the entry, of the gap, and factor of the gap's force there.
     stiffest, most_damped : arrays
-        Bounds of their sizes, whatever the gaps do.
+        Bounds of the sizes of `stiffness` and `damping`, whichever regions gaps are in.
     neighbours : list of lists of int
         The bodies that feel each one: by springs and dampers, or by forces that follow it.
     order : int
-        Terms of the series of velocities.
+        Order of the series of velocities.
     unit : float
-        Time in s within which a series cut there is right to the last bit, inf where motions are polynomials.
+        Time in s within which series of this order are right to the last bit, inf where motions are polynomials.
     hops : int
-        Couplings beyond which a change is roundoff within this time.
+        Number of couplings beyond which a change is roundoff within this time.
     """
 
     def __init__(self, system: System, period: float) -> None:
@@ -119,7 +120,7 @@ class Forest:
 
     @staticmethod
     def why_not(system: System, loads: Loads) -> str | None:
-        """Return why the events of a scene are not followed one by one where they are, None if they are."""
+        """Return why a scene cannot be followed part by part, None if it can."""
         c = system.laws
         if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
@@ -136,7 +137,7 @@ class Forest:
         return None
 
     def _number(self, a: Indices, b: Indices) -> None:
-        """Number the bodies so that all beyond a row stand together; first those that touch ground or drives."""
+        """Number the bodies so that all beyond a row are an interval; those at the ground or drives are first roots."""
         n = self.n
         joined: list[list[int]] = [[] for _ in range(n)]
         for i, k in zip(a.tolist(), b.tolist(), strict=True):
@@ -172,7 +173,7 @@ class Forest:
         for i, k in zip(both.row.tolist(), both.col.tolist(), strict=True):
             if i != k:
                 self.neighbours[k].append(i)
-        # one pattern for all: their entries stand side by side
+        # couplings and gaps have one pattern of entries
         ends = np.stack([self.child, self.parent], axis=1)[self.gaps]
         gap, one, other = ((ends[:, :, None] >= 0) & (ends[:, None, :] >= 0)).nonzero()
         own_i, own_k = ends[gap, one], ends[gap, other]
@@ -182,7 +183,7 @@ class Forest:
         self.near_from = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
         self.stiffness, self.damping = (_entries(x, i, k) for x in (position, velocity))
         self.coupled = np.bincount(self.near_row, (self.stiffness != 0) | (self.damping != 0), n) > 0
-        # what gaps add where they act: entry, gap, and the factor of what their force is for a stretch
+        # what gaps add: entry, gap, and the factor of the gap's own stiffness and damping
         lever = self.lever[self.gaps]
         entries, factor = place[both.nnz :], -lever[gap, one] * lever[gap, other]
         self.gap_entries = entries, gap, factor
@@ -218,7 +219,7 @@ class Forest:
             size = bounds / system.inertia[row]
             norms.append([np.bincount(row[x], size[x], self.n).max(initial=0.0) for x in (own, ~own)])
         (k_own, k_near), (c_own, c_near) = norms
-        # |v|, |omega x| <= 1: what they add up to
+        # majorants of the terms for |v|, |omega x| <= 1
         omega = math.sqrt(k_own + k_near)
         low, high = 0.0, 100.0 / max(omega, c_own + c_near)
         for _ in range(100):
@@ -233,7 +234,11 @@ class Forest:
 
 
 def _series(k: float, c: float, k_near: float, c_near: float, before: Array | None, x: float, order: int) -> Array:
-    """Return the terms of ``v' = k x + c v`` (`x` and 1 at the start, or led by the terms before), ``x' = v``."""
+    """Return the terms of the series of ``v' = k x + c v``, ``x' = v``.
+
+    At the start they are 1 and `x`. With the terms `before`, of a body nearer to the change, both are 0 there, and that
+    body pushes by `k_near` and `c_near`.
+    """
     v, p = np.zeros(order + 1), np.zeros(order + 1)
     v[0], p[0] = (1.0, x) if before is None else (0.0, 0.0)
     led = np.zeros(order + 1) if before is None else before
@@ -253,7 +258,7 @@ def _entries(matrix: Any, i: Indices, k: Indices) -> Array:
 
 
 def _by_end(a: Indices, b: Indices, rows: Indices, n: int) -> tuple[Indices, Indices]:
-    """Return where those of some rows begin that end at each body, and these rows, body by body."""
+    """Return some rows listed by the bodies at which they end; first, where in the list each body begins."""
     second = rows[b[rows] >= 0]
     ends, own = np.concatenate([a[rows], b[second]]), np.concatenate([rows, second])
     return np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))]), own[np.argsort(ends, kind="stable")]
@@ -272,7 +277,7 @@ def _knots(system: System) -> tuple[Mask, Indices, Indices]:
     G = scipy.sparse.csr_array(system.abs_G)[joins.nonzero()[0]]
     bodies = np.diff(G.indptr)
     first = G.indices[G.indptr[:-1]]
-    # a row makes one out of all its bodies
+    # a row joins all of its bodies
     ends = np.repeat(first, bodies)
     graph = scipy.sparse.coo_array((np.ones(ends.size), (ends, G.indices)), shape=(n, n))
     count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
@@ -289,5 +294,5 @@ def _knots(system: System) -> tuple[Mask, Indices, Indices]:
 
 
 def _compares_velocities(coefficients: Mapping[int, float]) -> bool:
-    """Tell whether a row has the relative velocity of two bodies, or of one to the ground."""
+    """Tell whether a row has the velocity of one body relative to another, or to the ground, without radii."""
     return sorted(coefficients.values()) in ([-1.0, 1.0], [-1.0], [1.0])

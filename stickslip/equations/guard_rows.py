@@ -19,7 +19,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes, like
 
 
 class InModes(Protocol):
-    """The equations in one set of modes, as far as guards need them: which rows are what, and what adds up."""
+    """The equations in one set of modes, as far as guards need them: what rows do, maps, and majorants."""
 
     system: System
     modes: Modes
@@ -49,7 +49,7 @@ class InModes(Protocol):
         """Return rates, and what is watched, of inputs."""
 
     def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
-        """Return what adds up in the rates and in the watched quantities."""
+        """Return majorants of the rates and of the watched quantities."""
 
 
 class GuardRows:
@@ -59,13 +59,13 @@ class GuardRows:
     that carry their level, then the borders of regions, which belong to no row (-1), then the normal forces that depend
     on the state: N while closed, -N while open. Last come the velocities of open rows that show a mode.
 
-    Of `loose`, open rows, the velocities are watched; these have the `signs`. Levels of `rising` guards rise with a
-    dwell, by `rise` times the input `dwell`; a held row at its limit is pushed in the `direction` of its guard, which
-    is 0 for others.
+    `loose` are the open rows that show a mode, and `signs` these modes. The levels of `rising` guards rise with a
+    dwell: they lack `rise` times the input `dwell`. A held row whose guard comes to 0 is pushed in the `direction` of
+    that guard, which is 0 for others.
     """
 
     def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
-        # the equations keep these rows: in a circle both would stay until the collector comes by
+        # the equations keep these rows: with a cycle of references only the garbage collector could free both
         self._equations: InModes = weakref.proxy(equations)
         self.loose = loose.size
         system, modes, borders = equations.system, equations.modes, equations.borders
@@ -74,17 +74,17 @@ class GuardRows:
         place = np.empty(system.m, dtype=np.intp)
         place[held], place[top] = system.m + np.arange(held.size), first + np.arange(top.size)
         edges = first + top.size + np.arange(borders.size)
-        # a stop at its lower limit is bounded above, at its upper one below
+        # the force of a stop is at most 0 at its lower limit, and at least 0 at its upper one
         at_lower = np.zeros(system.m, dtype=bool)
         if system.has_stops:
             functions = system.piecewise
             at_lower[functions.row[functions.is_stop & (equations.regions == 2)]] = True
         upper = held[(system.is_friction | at_lower)[held]]
         lower = held[~(system.is_tie | at_lower)[held]]
-        # a one-way clutch and a stop hold nothing below 0
+        # the lower level of one-way clutches and stops is 0
         holds, mu_s, rises = system.is_friction, system.mu_s, system.rise
         band, side = system.laws.slips_beyond, equations.side
-        # of the rows of each kind: row, source, sign, mu, rise, constant, direction, kind
+        # the rows of each kind of guard, and their row, source, sign, mu, rise, constant, direction, kind
         kinds: list[tuple[Indices, Callable[[Indices], tuple[Any, ...]]]] = [
             (slip, lambda j: (j, j, modes[j], 0, 0, 0, 0, 0)),
             (upper, lambda j: (j, place[j], -1, mu_s[0, j], rises[0, j], 0, 1, 1)),
@@ -146,12 +146,12 @@ class GuardRows:
 
     @property
     def forces(self) -> slice:
-        """Where the guards stand that are no velocities, where no law has a pre-slip velocity."""
+        """The range of the guards that are no velocities; only for scenes without pre-slip velocities."""
         return slice(self.slips, self.size - self.loose)
 
     @cached_property
     def kinds(self) -> tuple[Indices, list[str]]:
-        """Where in states and guards side by side each kind begins, and which it is."""
+        """Where each kind of quantity begins among states and guards side by side, and its name."""
         system, own = self._equations.system, self.forces
         states = [system.n, system.first_block, system.size]
         ends = [*states, *(system.size + k for k in (own.start, own.stop, self.size))]
@@ -188,9 +188,9 @@ class GuardRows:
         return np.asarray(found)
 
     def sizes(self, order: int, sine_turns: SineTurns) -> Array | None:
-        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
+        """Return the map to majorants of the Taylor coefficients of the guards, order by order; None if it is large.
 
-        It takes what adds up in states, inputs, their slopes, dwells and theirs, and the amplitudes of sines
+        It acts on majorants of states, inputs, their slopes, dwells and their slopes, and on the amplitudes of sines
         (`Inputs.adding_up`).
         """
         key = order, sine_turns
@@ -199,7 +199,7 @@ class GuardRows:
             system, turns = equations.system, np.abs(np.array(sine_turns[1]))
             parts = [system.size, *2 * [system.inputs], *2 * [system.dwelling.size], entries.size]
             columns, found = sum(parts), None
-            # it takes a product for each order
+            # to make it takes a product for each order
             if is_quickly_made(system, columns, order * self.size * (order + 1)):
                 y, q, slope, dwell, dwell_slope, sines = np.split(np.eye(columns), np.cumsum(parts)[:-1])
                 fall, sizes = 1.0 / system.dwell[system.dwelling, None], []
@@ -216,7 +216,7 @@ class GuardRows:
         return self._sizes[key]
 
     def majorants(self, z: Array, q: Array) -> Array:
-        """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""
+        """Return majorants of the guards, from those of watched quantities and inputs (or columns of them)."""
         sign, mu, rise = (like(np.abs(x), z) for x in (self.sign, self.mu, self.rise))
         found = sign * z[self.source] + mu * q[self.row]
         if self.rising.size:

@@ -16,7 +16,7 @@ from stickslip.model.arrays import Array, Indices, Mask
 DWELL_OVER = 40.0  # dwell times after which a static coefficient has risen to the last bit
 _DIFFERENCE = 1e-5
 
-_BESIDE = 1e-11  # part of a border within which a table is not left: roundoff
+_BESIDE = 1e-11  # part of a border by which a table may be looked up beyond it: roundoff
 _NO_ROWS = np.empty(0, dtype=np.intp)
 _NO_NUMBERS = np.empty(0)
 
@@ -66,7 +66,7 @@ class Inputs:
     def inputs(self, tau: float | Array, y: Array, wanted: Collection[int] | None = None) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array.
 
-        Of functions and tables of the state only those `wanted` by number are computed; None for all.
+        Of functions and tables of the state only those with numbers in `wanted` are computed; None for all.
         """
         many = isinstance(tau, np.ndarray)
         q = self.loads(tau)
@@ -89,7 +89,7 @@ class Inputs:
         return self.inputs(0.0, self.y)
 
     def looked_up(self, tau: float | Array, y: Array) -> Array:
-        """Return what each table is looked up at, a line each, one column per time where that is an array."""
+        """Return the value at which each table is looked up, a line each, one column per time if `tau` is an array."""
         assert self.dependence is not None
         q = self.inputs(tau, y, self.dependence.for_tables)
         return self.dependence.looked_up(q[: self.system.inputs], self.exact(tau, y))
@@ -97,7 +97,7 @@ class Inputs:
     def has_left(self, tau: float | Array, y: Array) -> Mask | bool:
         """Tell whether a table has left the region whose line the motion follows, for each time.
 
-        The motion need not be followed any further: on a line that tables have left it may grow beyond all bounds.
+        The motion need not be followed any further: with that line beyond its region it may grow beyond all bounds.
         """
         if not self.table_regions:
             return False
@@ -107,7 +107,7 @@ class Inputs:
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
-        """Between which values tables have not left their regions, which they may start beside by roundoff."""
+        """The values between which tables are in their regions; a motion may start beyond a region by roundoff."""
         assert self.dependence is not None
         x = self.looked_up(0.0, self.y)
         low, high = np.array(
@@ -164,7 +164,7 @@ class Inputs:
         return full
 
     def _add_rates(self, rate: Array, tau: float, y: Array, y_rate: Array) -> None:
-        """Add how fast the inputs change that depend on the state, in place: functions by differences."""
+        """Add the rates of the inputs that depend on the state, in place; by differences if there are functions."""
         dependence = self.dependence
         assert dependence is not None
         if dependence.is_linear:
@@ -210,7 +210,7 @@ class Inputs:
         return np.unique(1.0 / self._rate) if self._rising.size else np.empty(0)
 
     def withheld(self, taus: Array) -> Array:
-        """Return the part of each dwell's rise that is still withheld at local times, one column each."""
+        """Return the part of each rise with a dwell that is still withheld at local times, one column each."""
         found = np.zeros((self.system.dwelling.size, taus.size))
         if self._rising.size:
             found[self._rising] = np.exp(-(self._age[:, None] + np.multiply.outer(self._rate, taus)))
@@ -218,12 +218,12 @@ class Inputs:
 
     @cached_property
     def sines_rest(self) -> bool:
-        """Whether sines move nothing: they only push on what rests, or press it."""
+        """Whether sines move nothing: they only push bodies at rest, or press rows at rest."""
         segment, equations = self.segment, self.equations
         if not segment.has_sines:
             return True
         system, entries = self.system, segment.amplitudes.nonzero()[0]
-        # each by itself: two that cancel at their peaks move something all the same
+        # each sine by itself: two whose amplitudes cancel still move something
         each = np.zeros((system.inputs_and_dwells, entries.size))
         each[entries, np.arange(entries.size)] = segment.amplitudes[entries]
         rate, _ = equations.magnitudes(np.zeros(system.size), each.sum(axis=1))
@@ -232,7 +232,7 @@ class Inputs:
 
     @property
     def may_be_bounded(self) -> bool:
-        """Whether what bends the guards alone, rising levels and sines, moves nothing."""
+        """Whether rising levels and sines bend the guards only, and move nothing."""
         if self.segment.has_sines and self.dependence is not None:
             return False
         return not self.rises_push and self.sines_rest
@@ -301,7 +301,7 @@ class Inputs:
         return self._rising.size > 0 and 0.0 in self._age.tolist()
 
     def adding_up(self, of_time: bool = False) -> Array:
-        """Return what adds up in states, inputs, dwells and their slopes at the start, and in sines.
+        """Return majorants of states, inputs, dwells and their slopes at the start, and the amplitudes of sines.
 
         If `of_time`, dwells that begin there are left out.
         """
@@ -319,7 +319,7 @@ class Inputs:
 
     @cached_property
     def sizes(self) -> Array:
-        """What adds up in the states at the start: their roundoff is a part of it."""
+        """Majorants of the states at the start: their roundoff is a part of these."""
         found, is_driven = np.abs(self.y), self.equations.is_driven
         u = self.system.drive_velocities(np.abs(self.start_inputs)) if is_driven else found[:0]
         return self.equations.add_up_led(found, u)
@@ -331,17 +331,17 @@ class Inputs:
 
     @property
     def _rises_with_sines(self) -> bool:
-        """Whether a level rises to whose normal force sines are added."""
+        """Whether a level rises whose normal force has sines."""
         return self.segment.has_sines and self._rises_among(self.segment.sine_turns[0])
 
     def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
         """Tell whether a static coefficient of one of these rows still rises at the start."""
         return self._rising.size > 0 and bool(np.isin(self._rising_rows, rows).any())
 
-    # -- what adds up --------------------------------------------------------------------------------------
+    # -- majorants -----------------------------------------------------------------------------------------
 
     def _input_magnitudes(self, order: int, of_time: bool = False) -> Array:
-        """Return what adds up in inputs and dwells at the start, an order per row, without feedback.
+        """Return majorants of inputs and dwells at the start, an order per row, without what depends on the state.
 
         If `of_time`, dwells that begin there are left out.
         """
@@ -363,7 +363,7 @@ class Inputs:
         return found
 
     def _add_magnitudes(self, q: Array, y: Array, values: bool) -> None:
-        """Add what adds up in the inputs that depend on the state, in place."""
+        """Add majorants of the inputs that depend on the state, in place: of their `values`, or else of their rates."""
         dependence = self.dependence
         assert dependence is not None
         slopes = None if dependence.is_linear else self._slopes_by_arguments
@@ -407,5 +407,5 @@ def _of_product(decay: Array, normals: Array, k: int) -> Array:
 
 
 def _withheld(exponent: float, normal: float) -> float:
-    """Return what the dwell of a row still withholds of its level."""
+    """Return ``exp(-age / dwell) N``: what a level lacks until its dwell is over, but for the factor of its rise."""
     return math.exp(exponent) * normal

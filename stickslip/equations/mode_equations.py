@@ -28,10 +28,10 @@ from stickslip.equations.taylor import ORDER, TaylorMap, is_small
 from stickslip.model.arrays import Array, Indices, Mask, Modes, like
 from stickslip.model.laws.table import VelocityDependentForces
 
-_LOCKED = 1e-11  # part of its coefficients that is left of a row where it cannot move
+_LOCKED = 1e-11  # a row cannot move if elimination leaves no more than this part of its coefficients
 _MOST_MAPS = 50
 
-# Accelerations on average that the force on one body changes, up to which sparse maps are put together.
+# Sparse maps are put together if the force on one body changes at most so many accelerations on average.
 _NEAR = 8
 
 _IN_FLOATS = 48  # terms of the rates up to which plain floats are faster than arrays
@@ -80,9 +80,10 @@ class ModeEquations:
     """The equations in one set of modes.
 
     With ``v = T v_ind + U u`` the rates are ``y' = A y + B q + K e`` and what is watched is ``z = E y + H q + L e``:
-    the relative velocities of all rows, the forces of the held ones, what rows at their level would carry if they had
-    none, and the borders of the regions of piecewise-linear functions. ``e`` are the friction forces that depend on
-    velocity. `q` are the inputs of the system, followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
+    the relative velocities of all rows, the forces of the held ones, the forces that rows at their level would carry
+    without a level, and the borders of the regions of piecewise-linear functions. ``e`` are the friction forces that
+    depend on velocity. `q` are the inputs of the system, followed by ``exp(-age / dwell) N`` of the rows with a dwell
+    time.
 
     `modes` are for each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART; `regions` those of the piecewise-linear
     functions.
@@ -124,8 +125,8 @@ class ModeEquations:
         self._quantities = system.size + self.watched_count + self.guards.size
         self.is_small = is_small(system, self._quantities, 0)
         self._maps: dict[tuple[bool, TableRegions, SineTurns], TaylorMap] = {}
-        # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
-        # equal and opposite forces cancel exactly
+        # The map from inputs is put together only where a solver applies it many times, or a Taylor map needs it. Step
+        # by step, equal and opposite forces cancel exactly.
         self._responds_at_once = not system.sparse and (self.velocity_dependent.size > 0 or self.is_small)
         acts = self.velocity_dependent.size > 0 or system.has_couplings
         self.is_assembled = not system.sparse or (acts and self.balance.changed_accelerations <= _NEAR * system.n)
@@ -133,7 +134,7 @@ class ModeEquations:
     # -- rows ------------------------------------------------------------------------------------------------
 
     def _place_rows(self) -> None:
-        """Find which rows do what."""
+        """Find what each row does in these modes."""
         system, modes = self.system, self.modes
         at_level, slips = (modes == AT_HIGH) | (modes == AT_LOW), np.abs(modes) == 1
         self.is_held = (modes == 0) & system.hard
@@ -146,11 +147,11 @@ class ModeEquations:
         self.resting_dwells = ((modes == 0) | at_level)[system.dwelling].nonzero()[0]
         self.resting_rows = system.dwelling[self.resting_dwells]
         self.resting_rates = 1.0 / system.dwell[self.resting_rows]
-        # a row that carries its level pushes with it: where that rises, the motion follows
+        # a row that carries its level pushes with it: a level that rises changes the motion
         self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
 
     def _place_laws(self) -> None:
-        """Put the laws side by side whose forces depend on velocity."""
+        """Collect the laws whose forces depend on velocity."""
         system, modes = self.system, self.modes
         rows = self.velocity_dependent = velocity_dependent_in(modes, system).nonzero()[0]
         directions = np.where(np.abs(modes) == 1, modes, 0)[rows]
@@ -161,7 +162,7 @@ class ModeEquations:
     # -- piecewise-linear functions --------------------------------------------------------------------------
 
     def _place_regions(self) -> None:
-        """Forces from states and inputs, with the functions as they are in their regions; borders of these."""
+        """Find the forces from states and inputs, with each function as in its region, and the regions' borders."""
         system, functions = self.system, self.system.piecewise
         self.C, self.Q = system.C, system.Q
         self.borders = self.elastic = np.empty(0, dtype=np.intp)
@@ -192,7 +193,7 @@ class ModeEquations:
     # -- friction that is linear in the inputs ---------------------------------------------------------------
 
     def _place_friction(self) -> None:
-        """Coulomb friction of slipping rows, and the levels of rows that carry theirs, from the inputs."""
+        """Enter the Coulomb friction of slipping rows, and the levels of rows that carry them, by input."""
         system, modes = self.system, self.modes
         side = (modes < 0).astype(np.intp)
         side[modes == AT_LOW] = 1
@@ -212,7 +213,7 @@ class ModeEquations:
     # -- guards ----------------------------------------------------------------------------------------------
 
     def guard_rows(self, labels: Modes) -> GuardRows:
-        """Return the guards where rows show these labels: open ones that show a mode are watched, too."""
+        """Return the guards where rows show these labels: also the velocities of open rows that show a mode."""
         if not self.open.size:
             return self.guards
         signs = labels[self.open]
@@ -225,17 +226,17 @@ class ModeEquations:
         return found
 
     def _place_shares(self) -> Any:
-        """Return the map from forces on the bodies to what rows at their level would carry if they had none.
+        """Return the map from ``F - M v'`` to the forces that rows at their level would carry without a level.
 
-        With the scaled rows g of the others, ``share = g_row nu`` and ``(sum g^T g) nu = F - M v'`` (the dual of the
-        bounded least norm).
+        With the scaled held rows g, ``share = g_row nu`` and ``(sum g^T g) nu = F - M v'`` (the dual of the bounded
+        least norm).
         """
         system, scale, found = self.system, self.system.largest_lever, Triplets()
         rows = np.concatenate([self.held, self.at_level])
         number = joined(system.G[rows])
         held_number, own_number = number[: self.held.size], number[self.held.size :]
         for one in np.unique(own_number).tolist():
-            # what other rows hold together has nothing to do with these
+            # only the held rows of the same component matter
             top, held = np.flatnonzero(own_number == one), self.held[held_number == one]
             both = dense(system.G[np.concatenate([held, self.at_level[top]])])
             bodies = np.flatnonzero(np.abs(both).any(axis=0))
@@ -246,7 +247,10 @@ class ModeEquations:
         return system.matrix(found, (self.at_level.size, system.n))
 
     def locked(self, rows: Any, but_by_drives: bool = False) -> Mask:
-        """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
+        """Tell which of some rows cannot move because held rows lock the same motion.
+
+        With `but_by_drives`, rows that only drives can move are among them.
+        """
         system, balance = self.system, self.balance
         G, D, levers = system.G[rows], system.D[rows], system.largest_lever[rows]
         if not self.held.size:
@@ -303,7 +307,7 @@ class ModeEquations:
 
     @cached_property
     def L(self) -> Any:
-        """Watched quantities from the same."""
+        """Watched quantities from the forces that depend on velocity."""
         return self._KL[self.system.size :]
 
     @cached_property
@@ -320,9 +324,9 @@ class ModeEquations:
         return np.vstack([self._AE, guards.by_state]), np.vstack([self._BH, guards.by_input])
 
     def taylor(self, order: int, frozen: bool, table_regions: TableRegions, sine_turns: SineTurns) -> TaylorMap | None:
-        """Return the map to Taylor coefficients up to an order at least, None where it would be large.
+        """Return the map to Taylor coefficients up to `order` or a higher one, None where it would be large.
 
-        Where it is `frozen` static coefficients keep their values.
+        If `frozen`, static coefficients keep their values.
         """
         key = frozen, table_regions, sine_turns
         found = self._maps.get(key)
@@ -334,7 +338,7 @@ class ModeEquations:
             if of is not None:
                 link = partial(of.add_linear, regions=table_regions)
             if not frozen and (self.feeds_back or of is not None):
-                # what follows the start asks for more
+                # the steps after the start need higher orders
                 order = max(order, ORDER)
             found = TaylorMap(system, *self._with_guards, self.consistent, order, frozen, link, sine_turns)
             if len(self._maps) >= _MOST_MAPS:
@@ -368,7 +372,7 @@ class ModeEquations:
 
     @cached_property
     def watched_by_laws(self) -> Mask:
-        """Tell what watched quantities the forces that depend on velocity may reach."""
+        """Which watched quantities the forces that depend on velocity may reach."""
         m, found = self.system.m, np.zeros(self.watched_count, dtype=bool)
         if self.velocity_dependent.size:
             found[m:] = row_maxima(self.L[m:]) > 0 if self.is_assembled else True
@@ -404,7 +408,7 @@ class ModeEquations:
         """Return rates and watched quantities.
 
         They follow from forces on the bodies, velocities of bodies and drives, accelerations of drives, rates of blocks
-        and what the borders see: columns of these, one of each or a sparse matrix, None where there are none.
+        and values of borders: columns of these, one of each or a sparse matrix, None where there are none.
         """
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
@@ -434,7 +438,7 @@ class ModeEquations:
         return self._write_led(y, u, self.T_dependent, self.U_dependent)
 
     def add_up_led(self, y: Array, u: Array) -> Array:
-        """Write into absolute values of a state what adds up in its dependent velocities, in place."""
+        """Write majorants of the dependent velocities into the absolute values of a state, in place."""
         return self._write_led(y, u, *self._led_sizes)
 
     def _write_led(self, y: Array, u: Array, T: Any, U: Any) -> Array:
@@ -498,12 +502,12 @@ class ModeEquations:
         ]
         return assembled(size, blocks)
 
-    # -- what adds up ----------------------------------------------------------------------------------------
+    # -- majorants -------------------------------------------------------------------------------------------
 
     def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
-        """Return what adds up in the rates and in the watched quantities, from absolute values of states and inputs.
+        """Return majorants of the rates and of the watched quantities, from those of states and inputs.
 
-        Their roundoff is a part of it.
+        A majorant is the sum of the absolute values of all terms. The roundoff of a quantity is a part of its majorant.
         """
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
@@ -554,21 +558,21 @@ class ModeEquations:
 
     @cached_property
     def _led_velocities(self) -> Any:
-        """The relative velocities of the velocity-dependent rows from the states, led ones among them."""
+        """The map from states to relative velocities of the velocity-dependent rows, by way of T."""
         return self._from_states(self.system.G @ self.balance.T)
 
     @cached_property
     def law_velocities(self) -> Any:
-        """The relative velocities of the velocity-dependent rows from the states, without drives."""
+        """The map from states to relative velocities of the velocity-dependent rows, without drives."""
         return self._from_states(self.system.G)
 
     def _from_states(self, from_velocities: Any) -> Any:
-        """Return the lines of the velocity-dependent rows, with all states in place of the velocities."""
+        """Return a map from velocities, its velocity-dependent rows only, as a map from all states."""
         some, size = self.velocity_dependent, self.system.size
         return stacked(size, [(slice(self.system.n), from_velocities[some].T)]).T
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:
-        """Return what adds up in the borders, from absolute values of states and inputs."""
+        """Return majorants of the borders, from those of states and inputs."""
         by_state, by_input = self._border_sizes
         return np.asarray(by_state @ y + by_input @ q[: self.system.inputs])
 

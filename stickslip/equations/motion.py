@@ -22,8 +22,8 @@ from stickslip.model.arrays import Array, Indices
 class Expansion:
     """Taylor coefficients ``scale^k f^(k) / k!`` of states, inputs and watched quantities, one row per order.
 
-    `q` are the inputs with dwells, which are computed when they are asked for; `g` are the guards of the modes, but for
-    constants, where they are told at once.
+    `q` are the inputs with dwells, computed when they are first read. `g` are the guards of the modes without their
+    constants, None where they have not been computed with the rest.
     """
 
     __slots__ = ("_q", "g", "y", "z")
@@ -33,7 +33,7 @@ class Expansion:
 
     @classmethod
     def of(cls, whole: Array, size: int, watched: int, q: Array | Callable[[], Array]) -> Expansion:
-        """Return an expansion from its coefficients side by side: so many states, what is watched, and guards."""
+        """Return an expansion from its coefficients side by side: `size` states, `watched` quantities, and guards."""
         last = size + watched
         g = whole[:, last:] if whole.shape[1] > last else None
         return cls(whole[:, :size], q, whole[:, size:last], g)
@@ -47,10 +47,10 @@ class Expansion:
 
 
 class _Lines(NamedTuple):
-    """What inputs that are lines in time do: at the start of a motion, and their slopes.
+    """What inputs that are straight lines do to a motion: at its start, and per second.
 
-    The response of rates and watched quantities; relative velocities and normal forces of the rows whose forces depend
-    on velocity.
+    `response` is that of rates and watched quantities; `w` and `normal` belong to the rows whose forces depend on
+    velocity.
     """
 
     response: Array
@@ -77,7 +77,7 @@ class Motion(Inputs):
             self.first = self.start = self.expand(0.0, y, 2)
 
     def __reduce__(self) -> tuple[type[Motion], tuple[ModeEquations, Segment, float, Array, Array]]:
-        """Leave out of a pickle what is kept: it follows from what a motion begins with."""
+        """Pickle only how a motion begins: all that it caches follows from that."""
         return Motion, (self.equations, self.segment, self.t, self.y, self.since)
 
     # -- rates -----------------------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ class Motion(Inputs):
         return w, normal, self._lag(tau, w), y[places] if places.size else y[:0]
 
     def _lag(self, tau: float | Array, w: Array) -> Array:
-        """Return what the dwell of the velocity-dependent rows still withholds, an array like `w`."""
+        """Return ``exp(-age / dwell)`` of the velocity-dependent rows, 0 without a dwell; an array like `w`."""
         lag = np.zeros(w.shape)
         some, age, dwell = self._law_dwells
         if some.size:
@@ -119,7 +119,7 @@ class Motion(Inputs):
 
     @cached_property
     def _lines(self) -> _Lines | None:
-        """What the inputs of a motion do whose maps are put together, where they are lines."""
+        """What the inputs do, None unless they are straight lines and the maps are put together."""
         system, equations = self.system, self.equations
         if not equations.is_assembled or self.rises_push or not self.is_straight or self.dependence is not None:
             return None
@@ -139,12 +139,12 @@ class Motion(Inputs):
 
     @cached_property
     def sums(self) -> Sums | None:
-        """What moves a small motion, as sums over columns; None where arrays are the better way."""
+        """Inputs, friction forces and rates of bristles as sums over columns; None where arrays are the better way."""
         equations, dependence = self.equations, self.dependence
         laws, places = equations.laws_in_floats, equations.bristle_places
         if laws is None:
             return None
-        # tables that are looked up are no sums, and heat would need the bristles, too
+        # a table that is looked up is no sum, and the heat of bristles would need their states
         if dependence is not None and (
             (dependence.tables and self.table_regions is None) or (dependence.has_heat and places.size)
         ):
@@ -179,7 +179,7 @@ class Motion(Inputs):
 
     @property
     def has_left_in_floats(self) -> Callable[[float, Array], bool] | None:
-        """What `has_left` tells of a small motion with tables, in plain floats."""
+        """`has_left` of a small motion with tables, in plain floats; None for other motions."""
         if not self.table_regions or self.sums is None:
             return None
         columns, (low, high) = self.sums.columns, self.limits
@@ -246,7 +246,7 @@ class Motion(Inputs):
         return float(self.system.relative_velocity(self.rate(tau, y), slopes)[row])
 
     def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
-        """Return how fast states change that are no velocities: no friction force reaches them at once.
+        """Return the rates of all states but velocities: no friction force enters them directly.
 
         The inputs `q` need not be given.
         """
@@ -265,7 +265,7 @@ class Motion(Inputs):
         return found[self.system.size :]
 
     def until(self, path: Path, tau: float, hit: bool = False, touched: int | None = None) -> Path:
-        """Return a path of this motion up to a local time; its last state has the velocities that solvers leave out.
+        """Return a path of this motion up to a local time; its last state has the dependent velocities.
 
         `hit` and `touched` say why it ends there.
         """
@@ -277,14 +277,14 @@ class Motion(Inputs):
     def hold_samples(self, y: Array) -> None:
         """Write the states of sampled blocks into a later state of this motion, in place.
 
-        Samples change them, and nothing else: not even the roundoff of a solver that integrates a rate of 0.
+        Only samples change them; a solver that integrates their rate of 0 may leave roundoff.
         """
         y[self.system.clocked] = self.y[self.system.clocked]
 
     def jacobian(self, tau: float, y: Array, true_slopes: bool = False) -> Any:
         """Return ``d y' / d y``, dense or sparse as the scene is.
 
-        With true slopes friction has them as they are, however steep; a solver needs flatter ones.
+        With `true_slopes`, those of friction are exact, however steep; a solver needs flatter ones.
         """
         equations = self.equations
         matrix = equations.jacobian()
@@ -325,7 +325,7 @@ class Motion(Inputs):
             if equations.dependent.size:
                 full[:, :n] = full[:, :n] @ equations.balance.T
             return full
-        # entries that may differ from 0 elsewhere are kept, because the solver keeps the pattern
+        # entries that are 0 only at this state are kept, because the solver keeps the pattern
         pattern = dependence.pattern(slopes.shape[0])
         some = (equations.respond(pattern) + equations.push(pattern[rows]) != 0)[:size] | (found[:size] != 0)
         some[equations.bristle_places] |= pattern[rows[equations.law.bristles]] != 0
@@ -411,10 +411,10 @@ class Motion(Inputs):
         return Expansion.of(whole, size, equations.watched_count, q)
 
     def magnitudes(self, order: int, from_rates: bool = False, of_time: bool = False) -> list[tuple[Array, Array]]:
-        """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
+        """Return majorants of the Taylor coefficients of inputs and watched quantities at the start, up to `order`.
 
-        Their roundoff is a part of it. It is the series of the same equations with nothing cancelled, or, if
-        `from_rates`, with nothing cancelled but in the rates; if `of_time`, without dwells that begin there.
+        They are the series of the same equations with absolute values, so that nothing cancels. If `from_rates`, terms
+        may cancel in the first rates, but not later; if `of_time`, dwells that begin at the start are left out.
         """
         y, found = self.sizes, []
         for k, q in enumerate(self._input_magnitudes(order, of_time)):
@@ -428,11 +428,11 @@ class Motion(Inputs):
         return found
 
     def rate_magnitudes(self) -> Array:
-        """Return what adds up in the rates of the states at the start."""
+        """Return majorants of the rates of the states at the start."""
         return self.equations.magnitudes(self.sizes, np.abs(self.start_inputs))[0]
 
     def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
-        """Return what adds up in the guards at the start, an order per row.
+        """Return majorants of the Taylor coefficients of the guards at the start, an order per row.
 
         If `of_time`, dwells that begin there are left out.
         """
@@ -469,7 +469,7 @@ class Motion(Inputs):
         q1_ahead = self._input_rate(d, ahead, rate_ahead)
         later = self._slope(d, ahead, rate_ahead, self.inputs(d, ahead), q1_ahead)
         z2, q2 = 0.5 * (later[size:] - z1) / d, 0.5 * (q1_ahead - first.q[1]) / d
-        # velocities are states, and loads tell the accelerations of drives: more is known of these
+        # more is known of relative velocities: their second coefficients follow from those of states and drives
         system = self.system
         z2[: system.m] = system.relative(bend[: system.n], 0.5 * system.drive_accelerations(first.q[1]))
         return Expansion(first.y, np.array([*first.q, q2]), np.array([z0, z1, z2]))
@@ -488,8 +488,8 @@ class Motion(Inputs):
         law, d = equations.law, self.difference_step
         dw = system.relative_velocity(rate, dq)[equations.velocity_dependent]
         w, normal, lag, z = self.law_arguments(tau, y, q)
-        # normal force, dwell and bristles change slowly and smoothly: their part by a difference, which for a normal
-        # force that changes as it does now is exact
+        # Normal force, dwell and bristles change slowly and smoothly: a difference gives their part. It is exact where
+        # only the normal force changes, along a straight line.
         e = law.forces(w, normal, lag, z)
         _, normal_d, lag_d, _ = self.law_arguments(tau + d, y, q + d * dq)
         z_d = z + d * rate[equations.bristle_places]

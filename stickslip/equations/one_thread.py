@@ -1,7 +1,7 @@
 """Matrix products on one thread.
 
-BLAS shares a product among all cores. Those of a simulation are small and many: to wake other cores for each costs more
-than they save, and several times as much where these have other work.
+BLAS shares a product among all cores. The products of a simulation are small and many: to wake other cores for each
+costs more than they save, and several times as much where these cores are busy.
 """
 
 from __future__ import annotations

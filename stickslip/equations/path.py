@@ -12,7 +12,7 @@ from numpy.polynomial.polynomial import polyint
 from stickslip.equations.algebra.polynomials import powers
 from stickslip.model.arrays import Array, Indices
 
-_FEW = 400  # values of polynomials that are computed one by one
+_FEW = 400  # values of Chebyshev polynomials up to which cosines are faster than the recurrence
 _AT_ONCE = 50_000  # coefficients that are evaluated at once
 
 
@@ -96,7 +96,7 @@ def values(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool, int
     _, terms, size = coefficients.shape
     weights = np.ascontiguousarray(_weights(s, terms, is_chebyshev, integrated))
     found = np.empty((s.size, size))
-    # not too many at once: memory stays near the processor
+    # not too many at once: they are to fit into the processor's cache
     count = _AT_ONCE // (terms * size) + 1
     for first in range(0, s.size, count):
         some = slice(first, first + count)
@@ -105,7 +105,7 @@ def values(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool, int
 
 
 def _weights(s: Array, terms: int, is_chebyshev: bool, integrated: bool) -> Array:
-    """Return how much each coefficient counts at places from 0 to 1, a line each."""
+    """Return the weights of the coefficients at places from 0 to 1, a line each."""
     highest = terms if integrated else terms - 1
     basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else powers(s, highest + 1)
     return np.asarray(basis @ _integrals(terms, is_chebyshev) if integrated else basis)
@@ -113,7 +113,7 @@ def _weights(s: Array, terms: int, is_chebyshev: bool, integrated: bool) -> Arra
 
 @lru_cache(maxsize=64)
 def whole_integrals(terms: int, is_chebyshev: bool) -> Array:
-    """Return how much each coefficient counts in the integral over a whole step of length 1."""
+    """Return the weights of the coefficients in the integral over a whole step of length 1."""
     return np.asarray(_weights(np.ones(1), terms, is_chebyshev, integrated=True)[0])
 
 
@@ -128,7 +128,7 @@ def chebyshev_values(x: Array, order: int) -> Array:
     """Return the Chebyshev polynomials up to an order at some places from -1 to 1, one row each."""
     if x.size * order > _FEW:
         return np.asarray(chebvander(x, order))
-    # for a few places this takes a fourth of the time
+    # for few values this takes a fourth of the time
     return np.asarray(np.cos(np.multiply.outer(np.arccos(np.minimum(np.maximum(x, -1.0), 1.0)), np.arange(order + 1))))
 
 

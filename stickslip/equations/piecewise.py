@@ -1,4 +1,4 @@
-"""Piecewise-linear functions of the state as matrices: values and borders of all regions, and which region it is."""
+"""Piecewise-linear functions of the state as matrices: values and borders of all regions, and where a state lies."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from stickslip.model.elements.book import RowEntry
 _NONE = np.empty(0, dtype=np.int16)
 Regions = NDArray[np.int16]
 
-# Part of what adds up in a border by which a state may lie beyond it and still count as at it.
+# A state that lies beyond a border by up to this part of the border's majorant still counts as at the border.
 _WITHIN = 1e-9
 
 
 class PiecewiseMatrices:
-    """The piecewise-linear functions of all p gaps and stops, the regions of one below those of the other."""
+    """The piecewise-linear functions of all p gaps and stops; their regions are listed function by function."""
 
     def __init__(
         self, rows: Mapping[int, RowEntry], acts: Any, values: tuple[Any, Any], borders: tuple[Any, Any]
@@ -44,7 +44,7 @@ class PiecewiseMatrices:
         # the borders of region i are those from ``border_from[i]`` up to ``border_from[i + 1]``
         self.border_from = np.cumsum([0, *(len(region.borders) for region in regions)])
         self.row = np.array(list(rows), dtype=np.intp)  # (p,): the row that each belongs to
-        # functions of stops only tell between which limits these are, others are the force of their row
+        # the function of a stop only shows at which limit it is; that of a gap is the force of its row
         self.is_stop = np.array([function.kind == "stop" for function in functions], dtype=bool)
         self.is_force = ~self.is_stop
         owners = np.repeat(np.arange(self.count), sizes)
@@ -84,14 +84,14 @@ class PiecewiseMatrices:
             part = np.divide(depth[own], size[own], out=np.zeros(own.size), where=size[own] > 0)
             least = np.full(last - self.first[k], np.inf)
             np.minimum.at(least, self.within[own] - self.first[k], part)
-            # of regions that meet there, the one that lies deepest
+            # the region in which the state lies deepest
             found[k] = int(least.argmax())
         return found
 
     def limits(self, y: Array, q: Array, largest: Array) -> tuple[Array, Array, Array]:
-        """Return how far each stop is from its upper and from its lower limit, and what adds up at the nearer one.
+        """Return how far each stop is from its upper and from its lower limit, and the majorant at the nearer one.
 
-        Infinite where there is no limit; a line per function. `largest` are the sizes of the states.
+        Distances are infinite where there is no limit; a line per function. `largest` are bounds of the states' sizes.
         """
         q = q[: self.border_q.shape[1]]
         depth = self.border_y @ y + self.border_q @ q
@@ -105,13 +105,13 @@ class PiecewiseMatrices:
         return upper, lower, np.where(upper < lower, sizes[0], sizes[1])
 
     def shown(self, labels: Modes, regions: Regions) -> Modes:
-        """Return the modes that rows show, with those that show regions."""
+        """Return the modes that rows show: `labels`, but of gaps and stops what their regions show."""
         labels = labels.copy()
         labels[self.row] = self.mode[self.places(regions)]
         return labels
 
     def widest(self, links: Any) -> Any:
-        """Return how strongly states can push the bodies at most, beside springs and dampers: sums of sizes."""
+        """Return bounds of the sizes of the map from states to forces: of `links` and, in any region, gaps."""
         if not self.count:
             return abs(links)
         # the largest size of each entry among the regions of a function

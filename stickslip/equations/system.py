@@ -32,13 +32,13 @@ from stickslip.model.quantities import Expression, Output, Position, RelativeVel
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
-# Bodies and rows together from which matrices are kept sparse: up to there products of dense ones take less time.
+# Number of bodies and rows beyond which matrices are sparse: up to it, products of dense ones take less time.
 _DENSE_LIMIT = 220
 
-# So many sets of modes of a large scene are remembered, and memory for those of a smaller one.
+# How many sets of modes of a large scene are remembered; and for smaller scenes, the memory for them in bytes.
 _REMEMBERED_SPARSE, _MODE_BYTES = 4, 25_000_000
 
-# So many balances of forces, and memory for them, are kept: results are read with those of the run.
+# Most balances of forces that are kept, and memory for them in bytes: results are read with those of the run.
 _BALANCES, _BYTES = 4000, 32_000_000
 
 _NO_LAW = DryFriction(0.0, 0.0)
@@ -47,7 +47,7 @@ _NO_LAW = DryFriction(0.0, 0.0)
 class System:
     """A scene compiled to constant matrices. It never changes.
 
-    `observed` are labels for messages and quantities that are to be known, too: nothing depends on them.
+    `observed` are further quantities that can be computed, each after its label in messages: nothing depends on them.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class System:
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
     push_C, push_Q : array or sparse (n, size), (n, inputs)
-        The part of them that loads are.
+        The part of C and Q that comes from loads.
     dependence : Dependence or None
         The inputs that depend on the state, if there are any.
     clocked : array of int
@@ -68,8 +68,9 @@ class System:
     pressed : array (m,) of bool
         Rows whose normal force depends on the state: guards tell where they open and close.
     generic : bool
-        Whether what is equal in the scene as if by chance is kept apart: functions and loads that several elements read
-        are inputs of their own, and points on a line of a load are breaks. Scenes near by have the same ones.
+        Whether coincidences of the scene are disregarded: a function or load that several elements read is a separate
+        input for each, and points on a straight line of a load are breaks. So scenes near by have the same inputs and
+        breaks.
     """
 
     def __init__(self, scene: Scene, observed: Sequence[tuple[str, Load]] = (), generic: bool = False) -> None:
@@ -88,7 +89,7 @@ class System:
         self._join(book)
         self._push(book)
         self.piecewise = self._piecewise(book)
-        # as measured
+        # the memory of one set of modes is measured
         remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (60_000 + 20 * (n + m) ** 2)
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
@@ -135,7 +136,7 @@ class System:
         pressed = [_parts(row.normal) for row in book.rows]
         self.normals = [own for own, _ in pressed]
         self.pressed = np.array([linear is not None for _, linear in pressed], dtype=bool)
-        # signals and functions become inputs as they are read
+        # to read a form makes inputs of its signals and functions
         self.pushes = [
             (i, reader.form(linear, label))
             for (i, _, label), (_, linear) in zip(book.forces, forces, strict=True)
@@ -154,7 +155,7 @@ class System:
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
-        # what each state of a block follows
+        # the forms on which each state of a block depends
         self._given_to = {state: [form] for state, form in self._rates.items()}
         for own, _, forms in sampled:
             self._given_to |= dict.fromkeys(range(own.first, own.end), forms)
@@ -171,15 +172,15 @@ class System:
         self._place_observed(reader.nodes[acting:], first_of_node[acting])
 
     def _place_observed(self, nodes: Sequence[Node], first: int) -> None:
-        """Note what observed quantities depend on: functions that only they read are the last `nodes`."""
+        """Note what observed quantities depend on; `nodes`, at input `first`, are functions that only they read."""
         self._only_observed = Dependence(nodes, first, {}, self._place)
         read = [self._observed, *self._only_observed.arguments]
         places = [at for forms in read for at in forms.places.tolist()]
-        # the nodes that act and on which observed quantities depend
+        # the nodes of the motion itself on which observed quantities depend
         self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
         self.observed_states = np.unique(np.concatenate([forms.columns for forms in read]))
         beside = {*range(first, self.first_drive), self.inputs - 1}
-        # whether an observed quantity reads loads or drives; functions of states are none
+        # whether an observed quantity reads loads or drives; functions that only they read do not count
         self.observes_inputs = not beside.issuperset(places)
         self.observes_heat = self._only_observed.has_heat
 
@@ -255,12 +256,12 @@ class System:
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
     def independent(self, coefficients: Any) -> Any:
-        """Return coefficients on drives as those on the drives of whose velocities all others are sums."""
+        """Return coefficients on drives as those on independent drives: velocities of others are sums of theirs."""
         return coefficients if self.drives < 2 else coefficients @ self._sums
 
     @cached_property
     def _sums(self) -> Any:
-        """The map from drives to those of whose velocities theirs are sums: only what two drives hold asks for it."""
+        """The map from drives to independent drives; needed only where rows join two drives."""
         entries = Triplets()
         for k, factors in enumerate(made_of_others([drive.velocity for drive in self.scene.drives])):
             for i, factor in factors.items():
@@ -280,7 +281,7 @@ class System:
         return np.append(self.transmission.part, self.transmission.part.max(initial=-1) + 1)[list(bodies)]
 
     def _followed(self) -> list[tuple[int, int]]:
-        """Return which bodies forces follow, each with one that such a force pushes."""
+        """Return pairs of bodies: some force depends on the motion of the first and pushes the second."""
         pushes = [(form, {i}) for i, form in self.pushes]
         pushes += [(form, set(self.rows[j].coefficients)) for j, form in self._presses.items()]
         own = {i: [i] for i in range(self.n)} | {state: [i] for i, state in self.position_state.items()}
@@ -294,7 +295,7 @@ class System:
         ]
 
     def _read(self, form: Form, own: Mapping[int, Sequence[int]]) -> set[int]:
-        """Return the bodies that a form follows, at once or by functions and blocks; states are `own` to some."""
+        """Return the bodies on which a form depends, directly or by functions and blocks; `own` are those of states."""
         found, seen, open_ones = set[int](), set[int](), [form]
         while open_ones:
             one = open_ones.pop()
@@ -402,7 +403,7 @@ class System:
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
         """Return the inputs over a time span; normal forces that are mere loads are cut off at 0."""
-        # where tables are, a run notes in its loads which region it is in
+        # a run with tables notes their regions in its loads: then these are not shared
         make = self._loads if self.dependence is None else self._made_loads
         found: Loads = make(start, stop, stepped)
         return found
@@ -418,15 +419,15 @@ class System:
 
     @property
     def has_coincidences(self) -> bool:
-        """Whether something is equal in the scene that a `generic` system keeps apart."""
+        """Whether the scene has coincidences that a `generic` system disregards."""
         ends = -np.inf, np.inf
         loads = (*self.normals, *self.others)
         return self.reader.is_shared or any(load.points(*ends) != load.breaks(*ends) for load in loads)
 
     def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
-        """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.
+        """Return the state after the blocks that are due at `t` have read their inputs from `q` and `y`.
 
-        A ValueError names block, time and arguments where a block returns what are no finite numbers.
+        A ValueError names block, time and arguments where a block returns anything but finite numbers.
         """
         after = y
         for place, block, read in self.sampled:
@@ -448,9 +449,9 @@ class System:
     def observed_values(
         self, q: Array, y: Array, sizes: tuple[Array, Array], t: Array, taus: Array, friction: Friction
     ) -> tuple[Array, Array]:
-        """Return the observed quantities at many times, a line each, and what adds up in them.
+        """Return the observed quantities at many times, a line each, and their majorants.
 
-        `sizes` are what adds up in the inputs and in the states, columns or one column for all times.
+        `sizes` are majorants of the inputs and of the states, columns or one column for all times.
         """
         self._only_observed.fill(q, y, t, taus, friction)
         of_inputs = self._only_observed.sizes_of_tables(np.maximum(np.abs(q), sizes[0]), sizes[1])
@@ -475,7 +476,7 @@ class System:
         return np.array(columns).reshape(t.size, place.outputs).T
 
     def inputs_of(self, place: BlockPlace, y: Array, q: Array) -> Array:
-        """Return what a block reads of states and inputs, a line each."""
+        """Return the inputs of a block from states and inputs of the system, a line each."""
         block = place.block
         return Forms.of([self.reader.form(u, block.label) for u in block.quantities()], self._place).at(y, q)
 

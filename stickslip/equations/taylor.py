@@ -20,13 +20,14 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
 ORDER = 18  # order up to which motions that are no polynomials are expanded
-_MOST_ENTRIES = 1_000  # entries for each order: modes of larger scenes seldom come back often enough
+# Entries for each order up to which a map is made: modes of larger scenes seldom come back often enough to pay for it.
+_MOST_ENTRIES = 1_000
 _QUICKLY_MADE = 10_000  # entries of a matrix that takes no longer to make than to do without it a few times
 _FASTEST = 1e12  # products of rate and step beyond which powers of them may overflow
 
 
 def is_small(system: System, rows: int, sines: int) -> bool:
-    """Tell whether the matrices of the coefficients of so many quantities are worth making."""
+    """Tell whether a map to the coefficients of so many quantities (`rows`) is worth making."""
     columns = system.size + 2 * (system.inputs_and_dwells + sines)
     return not system.sparse and columns * rows <= _MOST_ENTRIES
 
@@ -71,7 +72,7 @@ class TaylorMap:
             link(own[:inputs], y)
         rates = of_states[:size] @ y + of_inputs[:size] @ own
         fall = np.zeros(dwelling.size) if frozen else -1.0 / system.dwell[dwelling]
-        # time is counted in units in which no coefficient grows
+        # the unit of time is such that no coefficient grows from order to order
         paces = np.abs(rates[:, :size]).sum(axis=1), np.abs(fall), np.abs(turns)
         self._pace = max(float(pace.max(initial=0.0)) for pace in paces) or 1.0
         N = np.concatenate(
@@ -97,13 +98,13 @@ class TaylorMap:
         self.order, self._orders = order, np.arange(order + 1)
 
     def reaches(self, scale: float) -> bool:
-        """Tell whether the coefficients over steps of this length in s can be told."""
+        """Tell whether the coefficients for steps of this length in s can be computed without overflow."""
         return self._pace * scale < _FASTEST
 
     def coefficients(self, x: Array, scale: float, order: int) -> Array:
         """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards side by side.
 
-        They are linear in `x`: states, inputs, their slopes, dwells and theirs, and sines with their cosines.
+        They are linear in `x`: states, inputs, their slopes, dwells, their slopes, and sines with their cosines.
         """
         count = order + 1
         found: Array = (self._matrix @ x).reshape(self.order + 1, -1)[:count]
@@ -112,7 +113,7 @@ class TaylorMap:
 
 
 def _terms(N: Array, order: int) -> Array:
-    """Return ``N^k / k!`` for the orders from 1 on, side by side: from some of the powers follow twice as many."""
+    """Return ``N^k / k!`` for the orders from 1 on, side by side; each product doubles the number of known powers."""
     size = N.shape[0]
     powers = np.empty((size, order, size))
     powers[:, 0] = N

@@ -1,4 +1,4 @@
-"""How fast bodies move with each other: what rows, springs, dampers and signals hand on, by their levers."""
+"""How fast bodies move with each other: rows, springs, dampers and forces hand velocities on, by their levers."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from stickslip.model.arrays import Array
 class Transmission:
     """The parts of a scene, and how fast the bodies of each move with each other.
 
-    `joined` are the coefficients of rows, springs and dampers on `n` bodies, and on drives, which join nothing. Of two
-    bodies in `followed` a force follows the first and pushes the second: it hands velocities on, but only that way.
+    `joined` are the coefficients of rows, springs and dampers on `n` bodies, and on drives, which join nothing. For
+    each pair in `followed`, a force follows the first body and pushes the second: it hands velocities on that way only.
 
     Attributes
     ----------
     part : array (n,)
         The number of the part that each body belongs to.
     ratio : array (n,)
-        Velocities of the bodies where all of their part move with one whose velocity is 1. In a loop those levers count
-        that are nearest to 1.
+        Velocities of the bodies if each part moves as one, with a velocity of 1 of the body that stands for it. In a
+        loop those levers count that are nearest to 1.
     is_uniform : bool
-        Whether all bodies and drives move with each other, one as fast as the other.
+        Whether all bodies are one part, and the levers within each row, spring and damper are equal.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class Transmission:
         self.is_uniform = alike and not self.part.any()
 
     def led(self, drives: Array) -> Array:
-        """Return the velocities that bodies may have from drives that something joins them to, as fast as these are."""
+        """Return the velocities that `drives` with these velocities may give the bodies to which they are joined."""
         found = np.zeros(self.ratio.size)
         np.maximum.at(found, self._led, self._lead * np.abs(drives)[self._by])
         return found
 
     def handed_on(self, speeds: Array) -> Array:
-        """Return the velocities that bodies may have from each other; none is faster than the fastest."""
+        """Return the velocities that bodies of these `speeds` may give each other; none exceeds the largest speed."""
         fastest = np.zeros(self.part.max(initial=-1) + 1)
         np.maximum.at(fastest, self.part, speeds / self.ratio)
         for _ in range(fastest.size if self._from.size else 0):
@@ -65,7 +65,7 @@ class Transmission:
 
 
 class _Parts:
-    """The parts of `n` bodies while they are joined; each body has another one of its part, and its ratio to that."""
+    """The parts of `n` bodies while they are joined: each body refers to one of its part, and has its ratio to that."""
 
     def __init__(self, n: int) -> None:
         self._other, self._ratio = list(range(n)), [1.0] * n

@@ -1,10 +1,10 @@
 """Which held rows give way where drives that move apart tear them.
 
-Beside what the rows hold otherwise, forces grow until the weakest of them slip: of all motions that follow the drives
-it is the one that takes the least from the limits, ``min sum B |w| - F a`` over ``w = G a + D u'``, with the other
-forces F on the bodies. This is the upper bound theorem of limit analysis (Drucker, Prager and Greenberg, "Extended
-limit design theorems for continuous media", 1952), and it asks of rows that lock the same motion that they let go
-together, at the sum of their limits (MODEL rule 8).
+The forces of the rows grow until the weakest rows slip. Of all motions that follow the drives, the one to come takes
+the least from the limits B: ``min sum B |w| - F a`` over ``w = G a + D u'``, with the other forces F on the bodies.
+This is the upper bound theorem of limit analysis (Drucker, Prager and Greenberg, "Extended limit design theorems for
+continuous media", 1952). By it, rows that lock the same motion let go together, at the sum of their limits (MODEL
+rule 8).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
     torn, rate = found
     give_way = []
     growing = balance.parting @ rate
-    # the forces but for what drives that move apart add to them
+    # the forces of the rows without the part that drives add by moving apart
     forces = motion.start.z[0, system.m : system.m + held.size]
     forces = forces - balance.parting @ system.drive_accelerations(motion.start.q[0])
     for number in np.unique(balance.loop[torn]).tolist():
@@ -42,7 +42,7 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
         G, D, limits = dense(system.G[rows]), dense(system.D[rows]), _limits(motion, guards, rows)
         bodies = np.flatnonzero(np.abs(G).any(axis=0))
         G = G[:, bodies]
-        # what the bodies of the loop need without the acceleration that they have with one of the drives
+        # the other forces on the bodies of the loop: what its rows hold, and what accelerates the bodies
         push = G.T @ forces[own] + system.inertia[bodies] * motion.start.y[1, bodies]
         if rows.size - np.linalg.matrix_rank(G) > 1:
             found_there = _weakest(rows, G, D @ rate, push, limits)
@@ -61,7 +61,7 @@ def pressed_together(motion: Motion) -> Indices:
 
 
 def _torn(motion: Motion) -> tuple[Mask, Array] | None:
-    """Tell which held rows drives tear that move apart, and return the lowest derivative of velocities that does."""
+    """Tell which held rows are torn by drives that move apart, and return the lowest derivative by which these do."""
     system, balance = motion.system, motion.equations.balance
     if balance.parting is None:
         return None
@@ -84,7 +84,7 @@ def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:
 
 
 def _first(rows: Indices, G: Array, growing: Array, push: Array, limits: Array) -> tuple[Indices, Array] | None:
-    """Return the rows of a single loop that come to their limits first where forces grow as given, and where to."""
+    """Return the rows of a single loop that reach their limits first where forces grow as given, and their sides."""
     forces = np.linalg.lstsq(G.T, push, rcond=None)[0]
     side = np.sign(growing)
     limit = np.where(side > 0, limits[0], limits[1])
@@ -98,7 +98,7 @@ def _first(rows: Indices, G: Array, growing: Array, push: Array, limits: Array) 
 
 
 def _weakest(rows: Indices, G: Array, led: Array, push: Array, limits: Array) -> tuple[Indices, Array] | None:
-    """Return the rows that move in the motion that takes least, and where to."""
+    """Return the rows that move in the motion that takes least, and their directions."""
     size = np.abs(led).max()
     count, unit = rows.size, np.eye(rows.size)
     # accelerations of bodies are free; relative ones have a part forward and a part backward
@@ -107,7 +107,7 @@ def _weakest(rows: Indices, G: Array, led: Array, push: Array, limits: Array) ->
     pushes, levels = -push / largest, limits.ravel()[may] / largest
     equal = np.hstack([G, np.hstack([-unit, unit])[:, may]])
     bounds = [(None, None)] * G.shape[1] + [(0, None)] * int(may.sum())
-    # where the other forces alone are beyond all limits no motion is the least; the limits decide
+    # if the other forces alone are beyond the limits, no motion takes least: then the limits alone decide
     for of_bodies in (pushes, np.zeros(G.shape[1])):
         cost = np.concatenate([of_bodies, levels])
         found = scipy.optimize.linprog(cost, A_eq=equal, b_eq=-led / size, bounds=bounds)

@@ -16,15 +16,16 @@ from stickslip.equations.system import System
 from stickslip.events.impact import SAME, Struck, roundoff_of_velocities, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_TIE, _ALONE = 1e-13, 1e-6  # guards, as parts of their scales, that tie; and that are near 0
+# Guards, as parts of their scales: differences up to which they tie, and values up to which they are near 0.
+_TIE, _ALONE = 1e-13, 1e-6
 _NOTHING = 1e-200
 
 _AT_STOP = 1e-12  # part of what adds up in a stretch within which it is at a limit
-_IN_NO_TIME = 1e-13  # part of the time ahead within which it cannot be told that a stretch has left a limit
+_IN_NO_TIME = 1e-13  # part of the time ahead below which a flight is too short to be resolved
 
-_TOLD = 10.0  # how many times its roundoff a stretch has to be for its sign to be told
+_TOLD = 10.0  # multiple of its roundoff from which on the sign of a stretch is certain
 
-# How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away.
+# A velocity that arrives at 0, and does not die away, has come from more than this multiple of its roughness.
 _AT_A_RATE = 1e3
 
 
@@ -32,8 +33,8 @@ class AtLimit(NamedTuple):
     """What has come to its limit at the end of a path."""
 
     touching: Mask  # (m,): rows whose relative velocity has come to 0
-    fired: Mask  # (m,): rows whose guard has
-    crossed: Indices  # borders of regions
+    fired: Mask  # (m,): rows whose guard has come to 0
+    crossed: Indices  # borders of regions that have been reached
 
 
 class EndState(NamedTuple):
@@ -46,28 +47,29 @@ class EndState(NamedTuple):
 
 
 class StepErrors(NamedTuple):
-    """By how much a solver may err in the states (size,) in one step."""
+    """How much a solver may err in the states (size,) in one step."""
 
-    least: Array  # where they are 0
-    most: Array  # as they are now
+    least: Array  # in states that are 0
+    most: Array  # in the states as they are now
 
 
 class Jump(NamedTuple):
     """What impacts and jumping drives do at an instant."""
 
     parted: Mask  # (m,): rows whose relative velocity jumps
-    y: Array  # (size,): the state after it
+    y: Array  # (size,): the state after the jump
     sides: Modes  # (m,): +1 where a stop rests at its upper limit then, -1 at its lower one
     hit: Mask  # (m,): stops that have been hit
     impact: Struck | None  # what impulses did; None for none
-    # (m,): relative velocities that are roundoff after it, as parts of speeds before it, too; None where none jumps
+    # (m,): below which relative velocities are roundoff after the jump, by the speeds before and after it; None where
+    # no velocity jumps
     roundoff: Array | None = None
 
 
 def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
-    """Return the row that sticks or lets go where no other guard is near 0, and in which direction it is pushed.
+    """Return the row that sticks or lets go where no other guard is near 0, and the direction in which it is pushed.
 
-    That is 0 for one that moved. None where more has to be looked at.
+    The direction is 0 for a row that moved. None where more has to be looked at than this row.
     """
     if not path.hit or path.touched is not None:
         return None
@@ -92,7 +94,7 @@ def _at_end(guards: Guards, path: Path) -> tuple[Array, Array]:
 
 
 def _has_passed(velocity: Any, leeway: Any) -> Any:
-    """Tell whether a velocity has passed 0: one beyond it by no more than the solver's errors has not."""
+    """Tell whether a velocity is at 0, or has passed it: one that is beyond 0 by less than its leeway has not."""
     return (velocity >= (FULLY - 1) * leeway) | (velocity <= -FULLY * leeway)
 
 
@@ -100,7 +102,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros((2, m), dtype=bool)
-    # where a table ends at once, the sign of what has just begun to move is roundoff
+    # if the motion ends at once at a border of a table, rows that have just begun to move are at rest but for roundoff
     touching[guards.still_at_rest(float(path.taus[-1]))] = True
     if relaxed_ones:
         touching[relaxed_ones] = fired[relaxed_ones] = True
@@ -111,12 +113,13 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
         if (part.min() if path.guard is None else part[path.guard]) > _ALONE:
-            # what has come to 0 has left it so short a time before that its value does not tell, or is roundoff
+            # The guard that came to 0 is not small: it left 0 so short a time before that it is still roundoff, or its
+            # value is the roundoff of what it compares.
             back = guards.not_told(float(path.taus[-1]))
             at = back if back.any() else guards.nearest(part, path)
         if guards.velocity_uncertainty is not None:
             at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
-        # where a normal force ends it is not the row that has come to its limit
+        # a row whose normal force has come to 0 has not come to its own limit
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
@@ -134,9 +137,9 @@ def at_stops(
 ) -> tuple[Modes, Mask]:
     """Return at which limits stops are, and which of them have come there only now.
 
-    `before` are the modes that rows showed, None at the start, and `crossed` borders that have been found at 0. A limit
-    is +1, the upper one, or -1; elsewhere stands 0. Where a motion `is_exact` a stop strikes where its guard says so,
-    or with another one: what is a little before that is no impact yet.
+    `before` are the modes that rows showed, None at the start. `crossed` are borders that have been found at 0. The
+    sides are +1 at the upper limit, -1 at the lower one, and 0 elsewhere. Where a motion `is_exact`, a stop strikes
+    where its guard comes to 0, or together with another stop: one a little before its limit has not struck yet.
     """
     sides = np.zeros(system.m, dtype=np.int8)
     if not system.has_stops:
@@ -156,7 +159,7 @@ def at_stops(
 
 
 def at_stops_at_start(system: System, y: Array, q: Array, t: float) -> Modes:
-    """Return at which limits stops are as a run starts: what is nearer than the roundoff of the time is there."""
+    """Return at which limits stops are as a run starts: those nearer to one than the roundoff of the time are at it."""
     size, late, u = np.abs(y), TIME / _AT_STOP * abs(t), system.drive_velocities(q)
     size[system.moved_state] += late * np.abs(y[system.moved])
     size[system.carried_state] += late * np.abs(u[system.carried])
@@ -175,8 +178,8 @@ def jumped(
     """Return what impacts and jumping drives do at the end of a motion.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
-    rebound with less than their `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver;
-    exact engines have none.
+    rebound with less than their `margin` stay at their limit. So do stops whose flight would be roundoff, or lost in
+    the `errors` of a solver, which are None for exact engines.
     """
     system, n, (t, tau, y, largest) = motion.system, motion.system.n, end
     if not (system.drives or system.has_stops):
@@ -185,7 +188,7 @@ def jumped(
     q, q_before = loads.after(t).at(t), motion.segment.at(motion.t + tau)
     before, after = system.drive_velocities(q_before), system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
-    # a drive that comes to rest with a corner does so but for the roundoff of the time
+    # where a drive comes to rest in a corner of its velocity, the roundoff of the time makes a small jump
     rough = ROUNDOFF * (abs(t) + motion.horizon) * np.abs(system.drive_accelerations(q_before))
     jump = np.where(np.abs(after - before) > np.maximum(SAME * size, rough), after - before, 0.0)
     sides, new = at_stops(system, y, q, labels, largest, crossed, errors is None)
@@ -214,11 +217,12 @@ def jumped(
 def _slowest_flight(
     motion: Motion, end: EndState, q: Array, hit: Mask, ahead: float, errors: StepErrors | None
 ) -> Array:
-    """Return the speeds (m,) below which stops that are hit come back before it can be told that they have left.
+    """Return the speeds (m,) below which stops that are hit come back before their flight can be resolved.
 
-    In each part of the scene it is the largest of these. A stop is ``v^2 / 2 a`` away at most, where the acceleration a
-    is what those of its ends add up to. A solver knows that but for its `errors`; an exact engine but for roundoff, and
-    as a part of what the speed makes of it in the time `ahead`, too.
+    All rows of a part of the scene have the largest of its speeds. At its farthest a stop is ``v^2 / 2 a`` away, where
+    a is the sum of the sizes of the accelerations of its ends. A solver must not lose this distance in its `errors`, an
+    exact engine not in roundoff. For an exact engine it is enough, too, if the speed takes the stop beyond roundoff
+    within the time `ahead`.
     """
     system, functions, n = motion.system, motion.system.piecewise, motion.system.n
     pace, speeds = system.abs_G @ np.abs(motion.rate(end.tau, end.y)[:n]), system.abs_G @ end.largest[:n]
@@ -231,17 +235,17 @@ def _slowest_flight(
         # of a stop that is hit the last flight may have been as low as this one
         none = np.zeros_like(errors.least), np.zeros_like(q)
         _, _, lost = functions.limits(*none, errors.least)
-        # where one gains speed in a flight as low as a step may err, what it gains is error: that has no end
+        # a stop that gains speed in a flight lower than a step may err gains it by errors: its rebounds would not end
         _, _, most = functions.limits(*none, errors.most)
         lost = np.where(_gains(motion, end, q, most), most, lost)
-        # and a guard knows no more than the roundoff of the time leaves of its place
+        # the roundoff of the time is an error of the place at which a guard finds a stop, too
         late = TIME * abs(end.t) * speeds[functions.row]
         rough = 2.0 * (np.maximum(ROUNDOFF * size, lost) + late)[some]
         slowest = np.sqrt(rough * pace[functions.row[some]])
     else:
         rough, brakes = 2.0 * STRETCH_ROUNDOFF * size[some], pace[functions.row[some]]
         slowest = np.minimum(np.sqrt(rough * brakes), _TOLD * rough / ahead)
-        # nor is it told in no time
+        # nor must the flight be too short to be resolved in time
         slowest = np.maximum(slowest, _IN_NO_TIME * ahead * brakes)
     part = system.part_of_row
     in_parts = np.zeros(part.max(initial=0) + 1)
@@ -250,7 +254,7 @@ def _slowest_flight(
 
 
 def _gains(motion: Motion, end: EndState, q: Array, near: Array) -> Mask:
-    """Tell which stops have left a limit, but for what is `near`, as a motion began, and are faster at its end."""
+    """Tell which stops began a motion within `near` of a limit, and are faster at its end than they were then."""
     system, functions, q0 = motion.system, motion.system.piecewise, motion.start_inputs
     upper, lower, _ = functions.limits(motion.y, q0, motion.y)
     left, back = system.relative_velocity(motion.y, q0), system.relative_velocity(end.y, q)
@@ -275,7 +279,7 @@ def landed(system: System, modes: Modes, jump: Jump, q: Array) -> Mask:
 def arrived(motion: Motion, path: Path, labels: Modes, some: Mask, uncertain: Array | None) -> Mask:
     """Tell which of some rows come to rest at the end of a path, where a drive stops or another row is caught.
 
-    At its rate there the velocity of such a row is 0 at that time; one that dies away has no rate left by then.
+    The velocity of such a row comes to 0 with a rate; a velocity that dies away has no rate left by then.
     """
     system, n, tau = motion.system, motion.system.n, float(path.taus[-1])
     if not some.any():
@@ -298,9 +302,9 @@ def arrives(
     rough: float | Array,
     uncertain: Array | None = None,
 ) -> Mask:
-    """Tell which velocities come to 0, but for what is `rough`, at a rate that has brought them there from far more.
+    """Tell which velocities are 0, but for what is `rough`, and have come there at their rate from far more than that.
 
-    Those that are not as near, but within what is `uncertain`, have to come from far more than that.
+    Velocities that are not as near 0, but within what is `uncertain`, have to come from far more than `uncertain`.
     """
     size = np.abs(w)
     left = rough if uncertain is None else np.where(size <= rough, rough, np.maximum(rough, uncertain))

@@ -25,7 +25,7 @@ from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 SAME = 1e-12  # part of a speed by which velocities that are equal may differ
-_FEW = 50  # rows up to which dense matrices tell faster which are joined
+_FEW = 50  # rows up to which dense matrices are the faster way to find which are joined
 _RANK = 1e-12
 _NO_DISTANCE = 1e-8
 
@@ -51,8 +51,8 @@ class Struck(NamedTuple):
 def roundoff_of_velocities(system: System, v: Array, before: Array, after: Array) -> Array:
     """Return by how much relative velocities (m,) that are equal may differ.
 
-    It is a part of how fast the bodies of a row may be made by those that they are joined to, and by drives, whose
-    velocities are those `before` and `after`.
+    It is a part of the speeds which the bodies of a row may get from bodies that they are joined to, and from drives
+    with the velocities `before` and `after`.
     """
     transmission = system.transmission
     led = transmission.led(np.maximum(np.abs(before), np.abs(after)))
@@ -71,24 +71,24 @@ def struck(
     """Return the velocities after impacts, and after jumps of drives.
 
     First ties, locked one-way clutches and stops at a limit take part, those that are hit with their restitution. If
-    that turns a free one-way clutch forward, or drives a stop into its limit that just parted or parts from it, these
-    and all others take part in a second impact without restitution. So no impact makes energy. Rebounds slower than the
+    that turns a free one-way clutch forward, or drives a stop into its limit that has parted or was parting from it,
+    all rows take part in a second impact without restitution. So no impact makes energy. Rebounds slower than the
     `margin` do not happen.
 
     Drives have the velocities `before` and `after`; `sides` are +1 where a stop is at its upper limit and -1 at its
-    lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
+    lower one, and those of `hit` come there now. Raises `Jammed` where no velocities satisfy all rows.
     """
     least = roundoff_of_velocities(system, v, before, after)
     turn = np.where(system.is_one_way, 1, sides).astype(float)
     w = system.relative(v, before)
     wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)
     wanted[wanted < margin] = 0.0
-    # what parts carries no impulse yet: it would give energy
+    # a row that parts carries no impulse yet: that would add energy
     taking_part = ((sides != 0) | system.is_one_way) & (turn * w >= -least)
     found, impulses = _nearest(system, v, after, taking_part, turn, wanted, least)
     between = system.relative(found, after)
     lost = 0.5 * impulses * (w + between)
-    # what must not be passed in the end
+    # in the end none of these may move on: clutches forward, stops into their limits
     every = (sides != 0) | system.is_one_way
     if np.any(every & (turn * between > least)):
         found, more = _nearest(system, found, after, every, turn, np.zeros(system.m), least)
@@ -106,7 +106,7 @@ def _nearest(
 ) -> tuple[Array, Array]:
     """Return the velocities nearest to `v` with which ties hold and rows of `part` separate as fast as `wanted`.
 
-    With them the impulses of these rows.
+    Also return the impulses of these rows.
     """
     impulses = np.zeros(system.m)
     ties = system.is_tie
@@ -116,7 +116,7 @@ def _nearest(
     sign = -turn[rows]
     short = wanted[rows] - sign * system.relative(v, u)[rows]
     if rows.size and np.count_nonzero(ties):
-        # what ties hold cannot move: what is left of it is roundoff
+        # rows that ties lock cannot move: a velocity that they lack is roundoff, or impossible
         locked = no_body_moves(system.G[rows], balance, system.largest_lever[rows])
         if np.any(torn := locked & (short > least[rows])):
             raise Jammed(rows[torn])
@@ -126,7 +126,8 @@ def _nearest(
     push = dense(system.GT[:, rows]) * sign
     answer = balance.accelerations(push)
     gram = push.T @ answer
-    # only rows that something joins to those that are too slow; what nothing joins may be far slower
+    # Joined rows are solved together if one of them is too slow. Other groups are solved by themselves: their speeds
+    # may be far smaller.
     label = joined(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
     impulse = np.zeros(rows.size)
     for one in np.unique(label[short > least[rows]]).tolist():
@@ -134,14 +135,14 @@ def _nearest(
         impulse[some] = _complementary(gram[np.ix_(some, some)], short[some], rows[some])
     impulses[rows] = turn[rows] * impulse
     v = v + answer @ impulse
-    # what stays together does so to the last bit
+    # rows that stay together are equally fast to the last bit
     closed = ties.copy()
     closed[rows[(impulse > 0) & (wanted[rows] == 0)]] = True
     return np.asarray(system.balance(closed).project(v, u)), impulses
 
 
 def _complementary(gram: Array, short: Array, rows: Indices) -> Array:
-    """Return ``P >= 0`` complementary to ``gram P - short >= 0``, with `gram` symmetric and not negative."""
+    """Return ``P >= 0`` complementary to ``gram P - short >= 0``, with `gram` symmetric and positive semidefinite."""
     size = np.sqrt(np.maximum(gram.diagonal(), 0.0))
     stiff = size > 0
     if np.any(~stiff & (short > 0)):

@@ -1,4 +1,4 @@
-"""The modes that rows show: open ones after the motion to come, free ones after theirs, and all others their own."""
+"""The modes that rows show: open rows by the motion to come, free ones by their velocity, all others their own."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def label(
     if not (equations.open.size or equations.free.size or equations.at_level.size):
         return modes, np.zeros(modes.size, dtype=bool)
     is_open, died = modes == OPEN, np.zeros(modes.size, dtype=bool)
-    # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
+    # a row that rested still rests if only the solver's errors move it; a row whose velocity dies away does not rest
     may_rest = resting | (
         (np.abs(w) <= uncertainty.velocity_resolution) & (before == 0 if before is not None else True)
     )
@@ -58,7 +58,7 @@ def _to_come(
     crossed: Mask,
     uncertainty: Uncertainty,
 ) -> tuple[Array | Modes, Mask]:
-    """Return the signs of relative velocities, or where these are 0 of what they become, and which have died away."""
+    """Return the signs of relative velocities, where these are 0 those to come, and which velocities have died away."""
     is_open = motion.equations.modes == OPEN
     slow = uncertainty.velocity_resolution
     uncertain = np.where(crossed, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
@@ -68,7 +68,7 @@ def _to_come(
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, HIGHEST, slow, uncertain, still)
     calm &= ~crossed
-    # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
+    # a velocity that has died away keeps its sign, unless held rows lock the row or let it move only as drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
     died = ((to_come == 0) | calm) & resting & (before != 0) & free
     named = np.where(resting, np.where(died, before, to_come), named)
@@ -93,5 +93,5 @@ def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array, stil
         rise += np.abs(term) * horizon ** (k - 1)
         push += magnitude[k] * horizon ** (k - 1)
     calm = rise <= still * push
-    # what a function of time does later its slopes here do not tell
+    # slopes at the start do not tell what a function of time does later
     return to_come, calm if motion.segment.has_functions else calm | (rise * horizon <= slow)

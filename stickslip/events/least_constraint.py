@@ -3,8 +3,8 @@
 Forces ``lambda + delta`` instead of those that hold all rows accelerate them by ``w' = -W delta``, where
 ``W = G M^-1 G^T``. Of the forces within all limits those that follow the laws make ``1/2 delta^T W delta`` as small as
 possible (Moreau, "Quadratic programming in mechanics", SIAM Journal on Control 4, 1966): bounded least squares. Where
-static and Coulomb levels are equal these are the accelerations; elsewhere rows that move then carry less, and others
-may let go after them.
+static and Coulomb levels are equal, w' are the accelerations to come. Elsewhere the rows that begin to move carry less
+than their static level, and other rows may let go after them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _WIDTH = 1e-12  # limits are apart by this part of the largest one, at least
 def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indices, Array]:
     """Return the held rows of a part that have limits, and their relative accelerations; 0 where they stay at rest.
 
-    All rows of the part that may be are held in this motion, and no others are joined to them.
+    In this motion all rows of the part are held that may be held, and no other rows are joined to them.
     """
     system, equations = motion.system, motion.equations
     limits = ((~guards.is_velocity) & (guards.direction != 0) & part[guards.row]).nonzero()[0]

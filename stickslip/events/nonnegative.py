@@ -1,6 +1,6 @@
 """Nonnegative least squares, after Lawson and Hanson (Solving Least Squares Problems, 1974, ch. 23).
 
-`scipy.optimize.nnls` (1.17) is not used: in degenerate corners it returns answers that are none, with residual 0.
+`scipy.optimize.nnls` (1.17) is not used: in degenerate cases it returns wrong answers with residual 0.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ _ROUNDS = 100
 def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     """Return the ``x >= 0`` for which ``|matrix x - target|`` is least.
 
-    The columns that count are linearly independent, because each enters with a part that the others cannot explain.
-    Each round leaves a smaller residual than all before, so no set of columns comes twice, and the rounds end.
+    The columns in use are linearly independent, because each enters with a part that the others cannot explain. Each
+    round leaves a smaller residual than all before, so no set of columns comes twice, and the rounds end.
 
-    If roundoff keeps them from it, that is an ArithmeticError.
+    Raises an ArithmeticError if roundoff keeps the rounds from ending.
     """
     count = matrix.shape[1]
     x, counts = np.zeros(count), np.zeros(count, dtype=bool)
@@ -34,7 +34,7 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
             trial = _solved(matrix, target, counts)
             if trial[entering] > 0:
                 break
-            # what roundoff let in
+            # only roundoff let this column in
             counts[entering], slope[entering] = False, 0.0
         while (trial[counts] <= 0).any():
             falling = counts & (trial <= 0)

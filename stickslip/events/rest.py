@@ -1,4 +1,4 @@
-"""Rows that come to rest though no guard tells: by relaxation (MODEL rule 6), or too near to 0 for a solver."""
+"""Rows that come to rest without an event of a guard: by relaxation (MODEL rule 6), or too near to 0 for a solver."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.crossings import root_between
 
-_CONSTANT = 1e-7  # part of the acceleration by its breakaway force that a row at rest may have left
-_DRIVEN = 1e-3  # part of what adds up in an acceleration by which it differs from 0 beyond doubt
+_CONSTANT = 1e-7  # a velocity is constant if this part is left of the acceleration by the breakaway force, or less
+_DRIVEN = 1e-3  # part of what adds up in an acceleration beyond which it is certainly not 0
 
 
 def until_rest(motion: Motion, guards: Guards, path: Path, margin: Array) -> tuple[Path, list[int]]:
-    """Return the path up to where rows have come to rest unseen, and those that have relaxed to it.
+    """Return the path up to where rows have come to rest unseen, and the rows that have relaxed to rest there.
 
-    Inside the `margin` rows may have relaxed. Velocities that leave 0 tell nothing while they are roundoff.
+    Rows may have relaxed if they are inside the `margin`. Velocities that leave 0 are ignored while they are roundoff.
     """
     uncertain = guards.velocity_uncertainty
     rows = motion.equations.sticks_at_zero
@@ -26,7 +26,7 @@ def until_rest(motion: Motion, guards: Guards, path: Path, margin: Array) -> tup
     if not (rows.size and (uncertain is not None or may_relax)) or path.taus.size < 2:
         return path, []
     if uncertain is None and path.has_event and path.taus.size == 2:
-        # what relaxes is seen to fall from one point to the next, without an event
+        # relaxation needs two points without an event, between which the velocity falls
         return path, []
     points = path.points.T
     w = _signed(motion, path.taus, points, rows)
@@ -40,18 +40,18 @@ def until_rest(motion: Motion, guards: Guards, path: Path, margin: Array) -> tup
 def _until_unseen_crossing(
     motion: Motion, guards: Guards, path: Path, uncertain: Array, rows: Indices, w: Array
 ) -> Path:
-    """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
+    """Return the path up to the first time at which a row passed 0 that came to rest before the solver noticed.
 
-    A solver tells a crossing once the velocity is beyond 0 by more than its errors. What damps strongly, or a normal
-    force that follows the velocity, stops a row nearer than that. There its acceleration is gone, which at ``w = 0``
-    drove it on: that is a crossing, and no touch of 0.
+    A solver notices a crossing once the velocity is beyond 0 by more than its errors. A strong damper, or a normal
+    force that follows the velocity, may stop a row nearer to 0. The acceleration that drove the row on at ``w = 0`` has
+    vanished there: that is a crossing, and no touch of 0.
     """
     found = float(path.taus[-1])
     passed = w < 0
     if not np.count_nonzero(passed):
         return path
     passed &= path.taus > guards.roundoff_until(rows)[:, None]
-    # what ends here is told there
+    # a row that comes to 0 with the event at the end is part of that event
     passed[:, -1] &= (w[:, -1] < (FULLY - 1) * uncertain) | (not path.has_event)
     for k in np.flatnonzero(passed.any(axis=1)).tolist():
         row, beyond = rows[[k]], passed[k].astype(np.int8)
@@ -72,7 +72,7 @@ def _until_unseen_crossing(
             elif signed(before) > 0 > signed(after):
                 zero = root_between(signed, before, after)
             else:
-                # of what is 0 at a point, but for roundoff, the polynomial may have either sign
+                # where a velocity is 0 at a point but for roundoff, its polynomial may have either sign
                 zero = before if signed(before) <= 0 else after
             found = min(found, zero)
             break
@@ -82,7 +82,7 @@ def _until_unseen_crossing(
 
 
 def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
-    """Tell whether most of the acceleration is gone that a moving row had at ``w = 0``, where it drove it beyond."""
+    """Tell whether a moving row has lost most of the acceleration that drove it beyond ``w = 0``."""
     sign = float(motion.equations.modes[row])
     equal = _brought_to_rest(motion, tau, y, row)
     driven, left = (sign * motion.relative_acceleration(tau, state, row) for state in (equal, y))
@@ -105,7 +105,7 @@ def _relaxed(
     if not np.count_nonzero(near):
         return path, []
     near &= path.taus[:count] > guards.roundoff_until(rows)[:, None]
-    # what has left rest only grows: no rates are needed to tell
+    # a velocity that has left rest only grows: such rows are excluded without computing rates
     falls = w[:, 1:] <= w[:, :-1]
     edge = np.zeros((rows.size, 1), dtype=bool)
     near &= np.concatenate([falls, edge], axis=1) | np.concatenate([edge, falls], axis=1)
@@ -126,7 +126,7 @@ def _relaxed(
         return path, []
     tau, ones = found
     end = motion.until(path, tau) if tau < path.taus[-1] else path
-    # all that rest by then
+    # further rows that rest by then
     last = _signed(motion, np.array([tau]), end.last[:, None], rows)[:, 0]
     for k in ((last > 0) & (last <= margin)).nonzero()[0].tolist():
         row = int(rows[k])
@@ -188,14 +188,14 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     q = motion.inputs(tau, y)
     scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * equations.mobility(row)
     if scale == 0:
-        # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
+        # no friction could hold the row: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps
     try:
         driven = sign * motion.relative_acceleration(tau, equal, row)
     except (ArithmeticError, ValueError):
-        # a force that grows beyond all bounds there, such as the logarithm of the speed, lets it never come to rest
+        # with a force that is infinite at w = 0, such as the logarithm of the speed, the row never comes to rest
         return False
-    # what drives it on at rest it does not hold
+    # an acceleration that drives the row on at w = 0 cannot be held
     return -_CONSTANT * scale <= driven <= AT_LIMIT * scale
 
 

@@ -30,8 +30,8 @@ _MOST_TRIALS = 1000
 class Search:
     """Try mode sets until one is consistent.
 
-    `labels` are 0 for rows at rest, else the signs of their velocities; `candidates` are rows that may be held, and
-    `regions` those in which the search begins.
+    `labels` are 0 for rows at rest, else the signs of their velocities. `candidates` are rows that may be held.
+    `regions` are the regions of the piecewise-linear functions in which the search begins.
     """
 
     def __init__(
@@ -55,11 +55,11 @@ class Search:
         return np.asarray(self._candidates | (self._labels == 0) & (labels != 0))
 
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
-        """Return the first consistent motion, from modes in which all rows are held that may be."""
+        """Return the first consistent motion; the `trial` begins with all rows held that may be held."""
         motion, guards = self._build(trial)
         if guards.is_plain and not np.count_nonzero(guards.violated):
             return motion, guards
-        # rows that bodies join, directly or by others, are a part: its forces accelerate no bodies of another
+        # rows that bodies join, directly or by other rows, are a part: its forces accelerate no bodies of another part
         self._parts = [np.arange(self._system.m)]
         self._part, self._part_of = (np.zeros(k, dtype=np.intp) for k in (self._system.m, self._system.n))
         if motion.equations.balance.has_loops:
@@ -74,7 +74,7 @@ class Search:
         raise Inconsistent((self._candidates & ~self._system.is_tie).nonzero()[0])
 
     def _divide(self) -> None:
-        """Divide the rows into parts; only where rows lock the same motion does one act on all others of its part."""
+        """Divide the rows into parts: where rows lock the same motion, each may act on all others of its part."""
         system = self._system
         rows = (self._candidates | system.is_stop).nonzero()[0]
         self._part = np.full(system.m, -1)
@@ -92,10 +92,11 @@ class Search:
         return [int(part) for part in np.unique(self._part[trial != following])]
 
     def _new(self, following: Modes) -> Modes:
-        """Return the modes to try next: where releasing one row after another ran in a circle, shared ones.
+        """Return the modes to try next: those that follow, unless they have been tried before.
 
-        If these have been tried, too, all combinations are, and where those are too many what least constraint tells.
-        In the first trial all rows are held that may be. The parts that circle are those that have changed since.
+        Then releasing one row after another has run in a circle, in the parts that have changed since. There rows share
+        what they hold, beginning from the first trial, in which all rows are held that may be held. If these modes have
+        been tried, too, all combinations are tried, and where those are too many, the modes by least constraint.
         """
         if (since := self._place(following)) is None:
             return following
@@ -121,17 +122,17 @@ class Search:
         return next((k for k, one in enumerate(self._tried) if (one == trial).all()), None)
 
     def _reset(self, trial: Modes, first: Modes, parts: list[int]) -> Modes:
-        """Return modes that are in some parts those of another trial."""
+        """Return the modes of a trial, with those of the `first` one in some parts."""
         found = trial.copy()
         for part in parts:
             found[self._parts[part]] = first[self._parts[part]]
         return found
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
-        """Return the motion in some modes, its piecewise-linear functions in the regions that it goes into.
+        """Return the motion in some modes, its piecewise-linear functions in the regions that it enters.
 
         The functions are continuous: regions that meet at a border agree there about all forces, and about the first
-        derivative with which the border leaves 0. So stepping over each border that is violated ends in the region.
+        derivative with which the border leaves 0. So stepping over each violated border leads to the right region.
         """
         seen: set[bytes] = set()
         functions = self._system.piecewise
@@ -157,7 +158,7 @@ class Search:
             self._regions = following
 
     def _beyond(self, motion: Motion, over: Mask) -> Regions:
-        """Return the regions beyond some of the borders; of those of one function the first counts."""
+        """Return the regions beyond some of the borders; if several belong to one function, the first counts."""
         functions, following = self._system.piecewise, self._regions.copy()
         for border in motion.equations.borders[over][::-1].tolist():
             following[functions.owner[border]] = functions.beyond[border]
@@ -181,7 +182,7 @@ class Search:
         following[guards.row[slow]] = np.where(in_band, -guards.rows.sign[slow], 0)
         carrying = over[guards.direction[over] == 0]
         if carrying.size:
-            # the share of a row that carries its level is within it again: it holds
+            # the share of a row that carries its level is within the level again: the row is held
             following[guards.row[carrying]] = 0
             over = over[~np.isin(part[over], part[carrying])]
         if not over.size:
@@ -200,7 +201,7 @@ class Search:
         rows, side = guards.row[first], guards.direction[first]
         spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
-            # others can carry what is beyond their level
+            # other rows can carry what is beyond the level of these
             following[rows[spared]] = _carrying(side[spared])
             others = ~np.isin(self._part[rows], self._part[rows[spared]])
             rows, side = rows[others], side[others]
@@ -245,10 +246,10 @@ class Search:
         return np.asarray(ratio >= each[number] * (1 - AT_LIMIT))
 
     def _release(self, following: Modes, motion: Motion, rows: Indices, side: Array) -> None:
-        """Set rows moving, in place, that nothing can spare, and with them those at their level along the same motion.
+        """Set rows moving, in place, that others cannot spare, and with them rows at their level that move along.
 
-        Rows at a level that is turned against this motion would carry less: they hold again, and the others carry
-        their level in their place.
+        A row whose level points against its motion would carry less than its level. It is held again, and the others
+        carry their level in its place, unless those modes have been tried.
         """
         system, modes = self._system, motion.equations.modes
         top = motion.equations.at_level
@@ -261,7 +262,7 @@ class Search:
         given = system.balance(rest).accelerations(system.GT[:, rows] @ side)
         along = np.asarray(system.G[top] @ given)
         along *= np.where(modes[top] == AT_HIGH, 1.0, -1.0)
-        # what others hold does not move along, but for roundoff
+        # a row that others hold does not move along, but for roundoff
         rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given))
         for part in np.unique(self._part[top]).tolist():
             own, mine = self._part[top] == part, self._part[rows] == part
@@ -270,7 +271,7 @@ class Search:
             following[top[own]] = 0
             if against:
                 following[goes] = modes[goes]
-                # no more of them carry their level than others hold in their place
+                # of these only those carry their level that other rows lock
                 spared = mine.nonzero()[0]
                 spared = spared[equations_in(following, system, self._regions).locked(rows[spared])]
                 following[rows[spared]] = _carrying(side[spared])
@@ -285,9 +286,9 @@ class Search:
         return np.where(self._system.is_stop[rows], APART, np.sign(side)).astype(np.int8)
 
     def _spared(self, motion: Motion, rows: Indices, slopes: Array) -> Mask:
-        """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
+        """Tell which of some held rows others can spare: in each loop all that tie, if they can be spared together.
 
-        Where it does not, those go first whose guards fall fastest.
+        If not, they are tried one after another, those first whose guards fall fastest.
         """
         held, balance = motion.equations.held, motion.equations.balance
         spared = np.zeros(rows.size, dtype=bool)
@@ -304,7 +305,7 @@ class Search:
         return spared
 
     def _can_spare(self, motion: Motion, rows: Indices) -> Mask:
-        """Tell of some rows whether others of their part hold all that is held when these carry their level only."""
+        """Tell for some rows whether others of their part still hold everything if these only carry their level."""
         system, balance = self._system, motion.equations.balance
         rest = motion.equations.is_held.copy()
         rest[rows] = False
@@ -315,7 +316,7 @@ class Search:
         return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
 
     def _torn(self, motion: Motion, others: Balance, rows: Indices) -> Mask:
-        """Tell of some rows whether drives that move apart part their ends when only others hold."""
+        """Tell for some rows whether drives that move apart would part their ends if only the `others` held."""
         system, found = self._system, np.zeros(rows.size, dtype=bool)
         if system.drives:
             for q in motion.start.q:
@@ -343,7 +344,7 @@ class Search:
     def _shared(self, trial: Modes, parts: list[int]) -> Modes:
         """Return modes in which the held rows of some parts share what they hold, or let go together.
 
-        All rows of these parts are held in the trial that may share.
+        In the trial all rows of these parts are held that may share.
         """
         motion, guards, found = *self._build(trial), trial.copy()
         for part in parts:
@@ -353,9 +354,9 @@ class Search:
         return found
 
     def _least_constrained(self, trial: Modes, parts: list[int]) -> Modes:
-        """Return modes in which those rows of some parts move that least constraint lets move.
+        """Return modes in which those rows of some parts move that move by least constraint.
 
-        All rows of these parts are held in the trial that may be.
+        In the trial all rows of these parts are held that may be held.
         """
         motion, guards, found = *self._build(trial), trial.copy()
         for part in parts:
@@ -366,7 +367,7 @@ class Search:
     def _held_where_they_stay(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can.
 
-        Where their share would be beyond their level, they carry their level if others can spare the rest.
+        Where their share would be beyond their level, they carry their level if others can hold the rest.
         """
         if guards.is_plain or not (staying := guards.stays_zero).size:
             return motion, guards
@@ -391,7 +392,7 @@ class Search:
             trial = following
 
     def _without(self, motion: Motion, staying: Indices, part: int) -> Iterator[Modes]:
-        """Yield modes of a part where not all of its rows that stay at rest can be held: shared ones, then its own."""
+        """Yield modes of a part whose rows that stay at rest cannot all be held: shared, then those of the motion."""
         modes, own = motion.equations.modes, self._parts[part]
         trial = modes.copy()
         trial[staying] = trial[motion.equations.at_level] = 0
@@ -430,7 +431,7 @@ class Search:
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:
-    """Tell which rows move in modes that follow, and did not before."""
+    """Tell which rows move in the `following` modes, but did not in the `trial`."""
     return np.asarray((following != trial) & np.isin(following, (-1, 1, APART)))
 
 

@@ -22,7 +22,7 @@ from stickslip.events.search import Search
 from stickslip.events.situation import Inconsistent, Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
-_OF_PHASE = 1e-3  # part of the amplitude of a sine whose roundoff it has where it is 0
+_OF_PHASE = 1e-3  # a sine that is 0 has the roundoff of its phase: that of this part of its amplitude
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Settled:
     labels: Modes  # (m,): the mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is
     motion: Motion
     guards: Guards
-    impact: Struck | None = None  # with which the motion began; None for none
+    impact: Struck | None = None  # the impact with which the motion began; None for none
 
 
 def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, largest: Array) -> Modes | None:
-    """Return the modes after a break of loads where no row at rest has to be asked; None where more may change.
+    """Return the modes after a break of loads where no row at rest has to be settled; None where more may change.
 
-    Velocities do not jump, and what slips or is open moves: a contact that is pressed from now on slips, and one that
-    no longer is goes on without friction. Held rows stay held.
+    Velocities do not jump, and rows that slip or are open move: a contact that is pressed from now on slips, and one
+    that is no longer pressed goes on without friction. Held rows stay held.
 
     `last` is the motion up to `t`, `segment` the loads from there on; `largest` bounds the sizes of the states on the
     way.
@@ -48,7 +48,7 @@ def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, large
     if t < motion.segment.stop or system.has_stops or system.sampled or system.dependence is not None:
         return None
     if system.drives and motion.equations.at_level.size:
-        # what spares them may be torn away
+        # drives may tear away the rows that hold in place of those at their level
         return None
     q = segment.at(t)
     if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.segment.at(t))).any():
@@ -65,7 +65,7 @@ def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, large
 
 
 def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False) -> bool:
-    """Tell whether a row that moves, or one of some others, is at rest at the end of a motion, but for roundoff.
+    """Tell whether a row that moves, or one of the `others`, is at rest at the end of a motion, but for roundoff.
 
     `q` are the inputs from there on.
     """
@@ -73,7 +73,7 @@ def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, o
     modes = motion.equations.modes
     is_open = modes == OPEN
     if (is_open & (last.labels == 0)).any():
-        # it has not left its rest: its velocity is the roundoff of its forces, whatever other speeds are
+        # an open row that shows STUCK is at rest: its velocity is roundoff of its forces, however fast others are
         return True
     moves = (np.abs(modes) == 1) | is_open | others
     w, rough = _relative(motion.system, motion.segment, y, largest, t, q)
@@ -83,14 +83,14 @@ def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, o
 
 
 def all_pressed(system: System, segment: Segment, t: float) -> bool:
-    """Tell whether loads press all rows: with fixed steps one may have opened within a step."""
+    """Tell whether loads still press all rows: with fixed steps one may have opened unseen within a step."""
     return not segment.is_stepped or bool((_closed(system, segment, t, segment.at(t)) | system.pressed).all())
 
 
 def carried_on(last: Settled, segment: Segment, t: float, y: Array, modes: Modes) -> Settled | None:
-    """Return what goes on after a sample or a break in some modes, None where these may not hold.
+    """Return the motion after a sample or a break in some modes, None where these may not hold.
 
-    Rows show what they showed.
+    Rows show the same modes as before.
     """
     motion = last.motion
     equations = equations_in(modes, motion.system, motion.equations.regions)
@@ -111,10 +111,11 @@ def with_one(
     direction: int,
     velocity_uncertainty: Array | None,
 ) -> Settled | None:
-    """Return what goes on where one row alone has come to its limit, None where more may change with it.
+    """Return the motion to come where one row alone has come to its limit, None where more may change with it.
 
-    A row that moved sticks, or where it cannot moves on as it is pushed; a held one lets go in its `direction`. All
-    others keep their modes. Each row rests `since` then.
+    A row that moved sticks; if it cannot be held, it moves on in the direction in which it is pushed. A held row lets
+    go in its `direction`, which is 0 for a row that moved. All others keep their modes. `since` is when each row last
+    became held.
     """
     motion, system = last.motion, last.motion.system
     equations = motion.equations
@@ -132,7 +133,7 @@ def with_one(
     balance = system.balance(held)
     may_be_spared = balance.has_loops
     if (direction and may_be_spared) or balance.parting is not None:
-        # others may hold what it held, or drives tear them
+        # others may hold in place of the row, or drives may tear rows
         return None
     if direction:
         y = motion.exact(t - motion.t, y)
@@ -159,40 +160,43 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
-    largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. A row
-    that others can spare carries its level instead (MODEL rule 8).
+    largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. If
+    other rows can hold what is beyond its level, the row carries its level instead (MODEL rule 8).
 
-    If no set of modes is consistent, that is `Inconsistent`; where drives press rows together that cannot give way, it
-    is `Jammed`.
+    Raises `Inconsistent` if no set of modes is consistent, and `Jammed` where drives press rows together that cannot
+    give way.
     """
     segment = loads.after(now.t)
     q = inputs_before(system, segment, now, segment.table_regions)
     closed = _closed(system, segment, now.t, q)
     if system.dependence is not None:
-        # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes
+        # a normal force whose terms cancel is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
     tried, as_it_is = list[bytes](), False
     while True:
         found = _settled(system, segment, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
-        # once rows have been tried, normal forces that pass 0 at once as they should are wrong by roundoff only
+        # after a first try, normal forces that at once pass 0 to the right side are wrong by roundoff only
         if as_it_is or not wrong.size or (tried and found.guards.soon_right(wrong)):
             if (rows := pressed_together(found.motion)).size:
                 raise Jammed(rows)
             return found
-        # the motion tells which normal forces that depend on it become positive or negative
+        # the motion tells the signs of the normal forces that depend on it: rows that are wrong open or close
         tried.append(closed.tobytes())
         closed = closed.copy()
         closed[wrong] ^= True
         if (again := tried.count(closed.tobytes())) and system.free[wrong].all():
-            # a law that never sticks has no force there either way; what only touches 0 stays closed
+            # laws that never stick give no force where the normal force is 0: rows that only touch that stay closed
             closed[wrong] = as_it_is = True
         elif again > 1:
             raise Inconsistent(wrong)
 
 
 def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:
-    """Return where contacts are at rest that have come into Karnopp's dead band: forces that follow the motion jump."""
+    """Return the situation with those contacts at rest that have come into Karnopp's dead band.
+
+    It changes only where inputs depend on the state: these jump with the velocities.
+    """
     if not system.has_dead_bands or system.dependence is None:
         return now
     segment = loads.after(now.t)
@@ -204,9 +208,9 @@ def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:
 
 
 def inputs_before(system: System, segment: Segment, now: Situation, regions: TableRegions = None) -> Array:
-    """Return the inputs before the modes are known; what moves has the friction of its velocity.
+    """Return the inputs before the modes are known; rows that move have the friction of their velocity.
 
-    Tables follow the lines of their `regions`; without these, those of what they are looked up at.
+    Tables follow the lines of their `regions`; without regions, the lines at their arguments.
     """
     q = segment.at(now.t)
     if system.dependence is None:
@@ -236,7 +240,7 @@ def _settled(
     q: Array,
     closed: Mask,
 ) -> Settled:
-    """Return consistent modes where it is known which rows can carry a force."""
+    """Return consistent modes, given the rows `closed` that can carry a force."""
     velocity_uncertainty = uncertainty.velocity_uncertainty
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
@@ -251,7 +255,7 @@ def _settled(
     if system.has_dead_bands:
         now = _at_rest_in_bands(system, now, w, rough, closed, at_stop, u)
         w, rough = _relative(system, segment, now.y, now.was, now.t, q)
-    # a law that does not stick has no rest but where it carries no force
+    # a row whose law does not stick is at rest only where it carries no force
     resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
     if now.labels is not None and (velocity_uncertainty is not None or np.count_nonzero(closed) < closed.size):
@@ -282,11 +286,11 @@ def _settled(
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
-        # what held rows lock is at rest, open or not
+        # a row that held rows lock is at rest, even if it is open
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= rough)
         if np.count_nonzero(slow):
             shown = np.where(slow & motion.equations.always_locked, 0, shown).astype(np.int8)
-        # the sign of what has died away is a solver's error
+        # the sign of a velocity that has died away is a solver's error: it is not watched
         watched = np.where(died, 0, shown).astype(np.int8)
         if np.count_nonzero(watched[is_open] != labels[is_open]):
             guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), velocity_uncertainty)
@@ -296,9 +300,9 @@ def _settled(
 
 
 def _stopped_by(motion: Motion, candidates: Mask) -> Mask | None:
-    """Return the rows that the search has stopped beside its candidates, and those to which they leave no motion.
+    """Return the rows that the search holds beside its candidates, and the rows in motion that these lock.
 
-    None if all that move have a motion left.
+    None if no row in motion is locked.
     """
     equations = motion.equations
     caught: Mask = equations.is_held & ~candidates
@@ -324,7 +328,7 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
     """Tell which rows have a relative velocity of 0, or may not move."""
     resting = now.touching | slow
     if not system.all_friction:
-        # a one-way clutch cannot turn forward: what is left of that is roundoff
+        # a one-way clutch cannot turn forward: a velocity forward is roundoff
         resting |= system.is_tie | system.is_one_way & (w > 0)
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
 
@@ -332,7 +336,7 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
 def _at_rest_in_bands(
     system: System, now: Situation, w: Array, rough: Array, closed: Mask, at_stop: Mask, u: Array
 ) -> Situation:
-    """Bring contacts to rest that have come into Karnopp's dead band, but for those that others at rest lead."""
+    """Bring contacts to rest that have come into Karnopp's dead band, except those that rows at rest lead."""
     moving = closed & _within_band(system, now, w, rough)
     if not moving.any():
         return now
@@ -347,7 +351,7 @@ def _at_rest_in_bands(
             continue
         held[j] = True
         following = system.with_held(now.y, u, held)
-        # what would turn a clutch forward moves on, too
+        # a contact whose rest would turn a one-way clutch forward moves on, too
         led[j] = bool((system.is_one_way & (system.relative(following[: system.n], u) > rough)).any())
         held[j] = not led[j]
         y = y if led[j] else following
@@ -366,7 +370,7 @@ def _directions(
 ) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
-    # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
+    # nothing holds an open row: a velocity that dies away has not come to 0 until an event finds it there, or it jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
     kept &= now.labels * w > (0.0 if velocity_uncertainty is None else -velocity_uncertainty)
     resting = resting & ~kept
@@ -400,8 +404,8 @@ def _closed(system: System, segment: Segment, t: float, q: Array) -> Mask:
 def _relative(system: System, segment: Segment, y: Array, was: Array | None, t: float, q: Array) -> tuple[Array, Array]:
     """Return each row's relative velocity and the roundoff of the largest speed that adds up in it.
 
-    What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
-    drive accelerates, whatever its speed is at the moment, and a sine that is 0 has that of its phase.
+    A body that comes to rest has the roundoff of the speed that it had. Where a drive accelerates, the roundoff of the
+    time is an error of its velocity, however slow it is at the moment. A sine that is 0 has the roundoff of its phase.
     """
     n = system.n
     speed = np.abs(y[:n])

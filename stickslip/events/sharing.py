@@ -2,7 +2,7 @@
 
 With forces ``lambda_0`` of least norm and the forces N that move nothing, ``lambda = lambda_0 + N z`` holds the same
 motion. The shortest z for which all forces are within their limits is a problem of least distances, which Lawson and
-Hanson ("Solving least squares problems", 1974, chapter 23) solve in finitely many steps. Where there is none, the
+Hanson ("Solving least squares problems", 1974, chapter 23) solve in finitely many steps. If there is no such z, the
 same steps find the motion that no forces can hold.
 """
 
@@ -18,7 +18,7 @@ from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask
 
-_SOON = 1e-6  # how far ahead to look, as a part of the time in which a force changes by as much as it is
+_SOON = 1e-6  # how far ahead to look, as a part of the time in which a guard changes by its own size
 _PART = 1e-9
 _SELF_STRESS = 1e-9
 
@@ -29,14 +29,14 @@ class Share:
 
     rows: Indices
     side: Array  # +1 where the upper limit matters, -1 where the lower one
-    # whether there are forces within all limits: the rows then carry their limit; if not, they move
+    # whether forces within all limits exist: then the rows carry their limit, else they move
     holds: bool
 
 
 def share(motion: Motion, guards: Guards, part: Mask) -> Share | None:
     """Return how the held rows of a part share what they hold just after the start, None where nothing is shared.
 
-    All rows of the part that may share are held in this motion, and no others are joined to them.
+    In this motion all rows of the part are held that may share, and no other rows are joined to them.
     """
     equations = motion.equations
     own = part[equations.held]
@@ -70,7 +70,7 @@ def _null_space(rows: Array) -> Array:
 
 
 def soon(motion: Motion, start: Array) -> Array:
-    """Return guards just after the start of a motion."""
+    """Return guards just after the start of a motion, from their coefficients at the `start`."""
     size, change = np.abs(start[0]).max(initial=0.0), np.abs(start[1]).max(initial=0.0)
     ahead = motion.horizon
     if change > 0:

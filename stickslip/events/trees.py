@@ -1,7 +1,7 @@
 """Which modes come next where one row is at its limit and its neighbours form a tree (MODEL rules 2 and 3).
 
-The same decisions as `settle` takes for a whole scene, wherever they are clear: where something ties, or is within
-roundoff of its limit, there is none here.
+The same decisions as `settle` takes for a whole scene, wherever they are clear: where rows tie, or a force is within
+roundoff of its level, no decision is made here.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
     `side` is the direction in which the first row lets go, 0 where it has come to rest.
     """
     if tree.bodies.size == 1 and tree.rows.size == 1:
-        # most events of a fault are of this kind: by the road of all trees each would take a tenth longer
+        # most events of a chain such as an earthquake fault are of this kind: the general way takes a tenth longer
         return _settle_one(forest, tree, side)
     rows = tree.rows
     mode = np.zeros(rows.size, dtype=np.int8)
@@ -147,7 +147,7 @@ def _move(
 def _shares(
     forest: Forest, rows: Indices, held: Indices, rest: Array, label: Indices, place: Indices, beyond: Indices
 ) -> Array:
-    """Return the forces of held rows: what is left of the forces on their far sides."""
+    """Return the forces of held rows: sums of the forces on their far sides that accelerate no body, the `rest`."""
     found = np.empty(held.size)
     own = label[place[held]]
     for one in np.unique(own).tolist():

@@ -1,9 +1,9 @@
 """A small motion written out in plain floats: on a few numbers, arrays cost ten times what they compute.
 
 Quantities are sums over columns: 1, local time, the states, and the values of terms, which are functions of sums over
-the columns before them. Friction that depends on velocity is such a term, a sine, a function of the user's, and a level
-that rises. The sums become the lines of a Python function, which name only what is not 0; terms that no line names are
-not computed. Sums with the same entries share one function, compiled once.
+the columns before them. Terms are friction that depends on velocity, sines, functions of the user, and levels that
+rise. The sums become the lines of a Python function, which name only entries that are not 0; terms that no line names
+are not computed. Sums with the same pattern of entries share one function, compiled once.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Sums(NamedTuple):
 
 
 class _Made(NamedTuple):
-    """Where the numbers stand that a text names, which terms it calls, and what makes the function of both."""
+    """The places of the numbers that a text names, the terms that it calls, and what makes its function of both."""
 
     numbers: Indices
     terms: list[int]
@@ -91,7 +91,7 @@ def rates_of(rates: Array, terms: Sequence[Term]) -> Callable[[float, Array, Arr
 
 
 def smallest_of(guards: Array, terms: Sequence[Term]) -> Callable[[float, Array], float]:
-    """Return a function of local time and states that tells the smallest guard."""
+    """Return a function of local time and states that returns the smallest guard."""
     found: Callable[[float, Array], float] = _function("smallest", guards, terms)
     return found
 
@@ -108,9 +108,9 @@ def _function(kind: str, quantities: Array, terms: Sequence[Term]) -> Any:
 
 @lru_cache(maxsize=256)
 def _made(kind: str, shapes: tuple[tuple[int, int], ...], shape: tuple[int, int], entries: bytes) -> _Made:
-    """Return the function of sums with these entries: 0 where there are none, 2 for the number 1, else 1.
+    """Return the function of sums with this pattern of entries: 0 for the number 0, 2 for the number 1, else 1.
 
-    First come the arguments of the terms, as many lines and columns of values each as their `shapes` tell.
+    The arguments of the terms come first. The `shapes` are how many lines and how many columns of values each term has.
     """
     text = _Text(shapes, np.frombuffer(entries, dtype=np.int8).reshape(shape))
     sums = [text.sum(line) for line in range(text.first_quantity, shape[0])]

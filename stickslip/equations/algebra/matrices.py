@@ -1,4 +1,4 @@
-"""Matrices are stored dense or sparse, by size: what reads them need not ask."""
+"""Matrices are stored dense or sparse, by size: code that reads them need not ask which."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import scipy
 
 from stickslip.model.arrays import Array, Indices
 
-# Rows and columns of a part of a matrix, numbers for one of them at most, and what stands there.
+# Rows and columns of a part of a matrix, and its entries. Rows or columns may be numbers, but not both.
 MatrixBlock = tuple[slice | Indices, slice | Indices, Any]
 
 
@@ -39,7 +39,7 @@ class Triplets:
 
 
 def split_by(number: Indices, things: Indices) -> list[Indices]:
-    """Return things with the same number together, in the order of these."""
+    """Return groups of things with the same number, in the order of the numbers."""
     order = np.argsort(number, kind="stable")
     return np.split(things[order], np.flatnonzero(np.diff(number[order])) + 1)
 
@@ -79,7 +79,7 @@ def stacked(rows: int, parts: Sequence[tuple[slice | Indices, Any]]) -> Any:
         for at, part in parts:
             found[at] = part
         return found
-    # one below the other in the order of the parts, and last a row of zeros for those that no part has
+    # the parts one below the other in their order, and last a row of zeros for rows that no part has
     ends = np.cumsum([0, *(part.shape[0] for _, part in parts)])
     place = np.full(rows, ends[-1])
     for (at, _), (begin, end) in zip(parts, pairwise(ends), strict=True):

@@ -9,13 +9,13 @@ import numpy as np
 
 from stickslip.model.arrays import Array, Indices
 
-_FAR, _BEYOND = 1e12, 1e290  # numbers from which on powers are looked at, and powers that count as 0
+_FAR, _BEYOND = 1e12, 1e290  # numbers beyond which powers may overflow, and powers beyond which they count as 0
 
 
 def powers(s: Array, count: int) -> Array:
     """Return the powers 0 to ``count - 1`` of each number, a line each.
 
-    Those that are next to no numbers are 0: a polynomial that is asked so far off has no such terms.
+    Powers that nearly overflow are 0: a polynomial that is evaluated so far away has no such terms.
     """
     found = np.empty((s.size, count))
     found[:, 0] = 1.0

@@ -1,4 +1,4 @@
-"""Which guards are violated at the start of a motion, and how those that are 0 there leave it."""
+"""Which guards are violated at the start of a motion, and how guards that are 0 there leave 0."""
 
 from __future__ import annotations
 
@@ -11,25 +11,27 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-ROUNDOFF = 1e-12  # part of what adds up in a quantity that is uncertain
+# The uncertainty of a quantity, as a part of what adds up in it: the sum of the sizes of its terms.
+ROUNDOFF = 1e-12
 
-# The same in forces of rows that drives lead whose velocities are functions: their accelerations are differences.
+# The same for forces of rows where drives lead bodies and loads are functions: accelerations of such drives are
+# differences.
 _BY_DIFFERENCES = 1e-9
 
-AT_LIMIT = 1e-10  # part of its level within which a force is at it
-_AS_FIRED = 1e-6  # the same for a row that an event has just found there
+AT_LIMIT = 1e-10  # part of its level within which a force is at its level
+_AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
 STRETCH_ROUNDOFF = 1e-15  # part of what adds up in a stretch within which a stop is at its limit
-_NEAR = 1e-5  # a held row this near to its level, as a part of it, deserves a closer look
-_NEAR_IN_TIME = 1e-12
-_AT_ONCE = 1e-9  # part of a motion within which what passes 0 does so at once
-TIME = 1e-15  # part of the time that is uncertain
+_NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looked at more closely
+_NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time
+_AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
+TIME = 1e-15  # the uncertainty of the time, as a part of it
 
-# Part of what adds up in second and higher coefficients that is uncertain in motions that are not linear: there these
-# are differences.
+# The uncertainty of second and higher Taylor coefficients, as a part of what adds up in them, in motions that are not
+# linear: there these coefficients are differences.
 DIFFERENCED = 1e-6
 
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
-HIGHEST = 8  # order up to which coefficients are looked at where lower ones are 0
+HIGHEST = 8  # order up to which coefficients are computed where lower ones are 0
 _ORDERS = np.arange(1.0, HIGHEST + 2)[:, None]
 _NO_ROWS = np.empty(0, dtype=np.intp)
 
@@ -37,13 +39,13 @@ _NO_ROWS = np.empty(0, dtype=np.intp)
 class GuardsAtStart(GuardValues):
     """The guards of a motion and what they are at its start, ready when constructed.
 
-    `fired` are rows that an event has just found at their limit. A row has to pass 0 by its `velocity_uncertainty`, the
-    errors of a solver, before that is an event; None where velocities are exact.
+    `fired` are rows that an event has just found at their limit. The velocity of a row has to be beyond 0 by its
+    `velocity_uncertainty`, the errors of a solver, before that is an event; None where velocities are exact.
 
     Attributes
     ----------
     violated : array of bool
-        Guards that are negative at the start or just after it, but for those of normal forces.
+        Guards that are negative at the start or just after it, except those of normal forces.
     misjudged : array of int
         Rows that are closed though their normal force is negative, or open though it is positive.
     order : array of int
@@ -53,7 +55,7 @@ class GuardsAtStart(GuardValues):
     armed : int
         How many guards may end the motion: not those that stay 0, nor those of open rows.
     lets_go : array of bool
-        Velocities of rows that an event lets go, though the first orders do not tell that they leave 0.
+        Velocities of rows that an event lets go, though their orders 1 and 2 do not show that they leave 0.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class GuardsAtStart(GuardValues):
 
     @cached_property
     def uncertain(self) -> Array:
-        """By how much the row of each guard has to pass 0."""
+        """How far the velocity of each guard's row has to be beyond 0 before that is an event."""
         if self.velocity_uncertainty is None:
             return np.zeros(self.size)
         return np.asarray(self.velocity_uncertainty[self.row])
@@ -91,14 +93,14 @@ class GuardsAtStart(GuardValues):
 
     def _classify(self, fired: Mask) -> None:
         g0, rows = self.first[0], self.rows
-        # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
+        # guards that are small beside the largest force, or come to 0 within roundoff of the time, need a closer look
         near: Array | float = 0.0
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         if rows.has_forces:
             largest = max((rows.is_force * self.force_scale).tolist())
             of_forces = rows.is_force * (soon * np.abs(self.first[1]) + _NEAR * largest)
             if rows.without_level.size:
-                # the largest force about may be what loads and springs leave that cancel
+                # where loads and springs cancel, even the largest force may be their roundoff
                 of_forces[rows.without_level] += ROUNDOFF * self.majorant[0, rows.without_level]
             near = of_forces
         if self._has_constant:
@@ -113,7 +115,7 @@ class GuardsAtStart(GuardValues):
             self._look_closer(some.tolist(), fired)
 
     def _look_closer(self, close: list[int], fired: Mask) -> None:
-        """Tell of guards near 0 whether they are 0, and how these leave it."""
+        """Find which of the guards near 0 are 0, and how these leave 0."""
         motion = self.motion
         for i in close:
             passes_0 = self.is_velocity[i] and not self._constant[i]
@@ -139,54 +141,58 @@ class GuardsAtStart(GuardValues):
     def _at_limit(self, i: int, fired: Mask) -> tuple[bool, bool]:
         """Tell whether the row of a guard has been found at its limit, and whether the guard bounds a stop."""
         if not self.is_border[i]:
-            # a row that has come to rest tells nothing of what presses it
+            # that a row has come to its limit says nothing about its normal force
             return bool(fired[self.row[i]] and not self.is_normal[i]), False
         functions = self.motion.system.piecewise
         owner = functions.owner[self.motion.equations.borders[np.count_nonzero(self.is_border[:i])]]
         of_stop, row = bool(functions.is_stop[owner]), functions.row[owner]
-        # a stop that was closed is at its limit, too, as the solver or roundoff has left it
+        # a stop that was closed counts as found at its limit, too, wherever a solver or roundoff has left it
         return of_stop and bool(fired[row] or self.at_rest[row]), of_stop
 
     def _roundoff_of_velocity(self, i: int, has_fired: bool) -> tuple[list[float], float]:
-        """Return within what the first two derivatives of a velocity that is 0 are roundoff, and 0."""
+        """Return bounds below which orders 1 and 2 of a velocity that is 0 are roundoff, and a flatness of 0."""
         motion, majorant = self.motion, self.majorant
         if motion.equations.modes[self.row[i]] == OPEN:
-            # nothing but roundoff is uncertain where no force can hold it
+            # no force can hold an open row: nothing but roundoff is uncertain
             return [ROUNDOFF * majorant[k, i] for k in (1, 2)], 0.0
-        # where a load is a function, its slopes are as uncertain as the time
+        # where a load is a function, its slopes have the roundoff of the time, too
         near = self._adds_up if motion.segment.is_straight or motion.is_linear else majorant
         given, adds_up = self._given_at_level(i), float(near[1, i])
         found_at = _AS_FIRED * given if has_fired else 0.0
-        # what is no longer held because it is beyond its level is pushed: held and moving must not both be denied
+        # A row whose force is beyond its level is not held. Then its acceleration must count as motion, even if it is
+        # small: otherwise neither mode is allowed.
         first = max(AT_LIMIT * (min(adds_up, given) or adds_up), found_at) + ROUNDOFF * majorant[1, i]
         return [first, AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i]], 0.0
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
-        """Return within what the first two derivatives of a guard at its level are roundoff, and how near it is to 0.
+        """Return bounds below which orders 1 and 2 of a guard at its level are roundoff, and its flatness.
 
-        None where it is not at its level.
+        A guard that is within its flatness of 0 up to the horizon stays 0. None where the guard is not at its level.
         """
         motion, coefficients, majorant = self.motion, self.first, self.majorant
         led = self.rows.is_force[i] and motion.segment.has_functions and motion.equations.is_driven
         rough = (_BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
         tolerance = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
         if of_stop and coefficients[0, i] <= 0:
-            # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
+            # a stop cannot pass its limit: where it is beyond, that is an error of the solver or roundoff
             tolerance = np.inf
         elif of_stop and not has_fired:
-            # in flight it is not at its limit, however low it flies: there it rebounds
+            # a stop in flight counts as open down to roundoff: at its limit it rebounds
             tolerance = STRETCH_ROUNDOFF * majorant[0, i]
         if not abs(coefficients[0, i]) <= tolerance:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
         if of_stop and coefficients[1, i] > limits[0]:
-            # a stop that has rebounded leaves its limit, however soon the motion ends; but a solver's points cannot
-            # tell less than roundoff
+            # A stop that has rebounded leaves its limit, however soon the motion ends. But the points of a solver show
+            # no distance below roundoff.
             return limits, 0.0 if self.velocity_uncertainty is None else rough
         return limits, AT_LIMIT * self.scale[i] + rough
 
     def _way_out(self, i: int, limits: list[float], flat: float) -> int:
-        """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""
+        """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon.
+
+        _DOWN where the guard becomes negative, NEVER where it stays 0.
+        """
         if self._never[i]:
             return NEVER
         horizon = self.motion.horizon
@@ -206,9 +212,9 @@ class GuardsAtStart(GuardValues):
         return NEVER
 
     def _given_at_level(self, i: int) -> float:
-        """Return the acceleration by what the guard of a held row compares at its level: that, and a force as large.
+        """Return the acceleration of a row by its level and a force as large, which its guard compares while held.
 
-        Where a row has no level it is all that adds up.
+        For a row without a level it is all that adds up in its acceleration.
         """
         system, row = self.motion.system, self.row[i]
         if not system.is_friction[row]:
@@ -221,19 +227,19 @@ class GuardsAtStart(GuardValues):
         """Guards of rows that cannot move because held rows lock the same motion."""
         found: Mask = self.rests.copy()
         equations, some = self.motion.equations, self.row[self.rests]
-        # in a large scene few rows are asked for
+        # in a large scene this is computed only for the few rows that are needed
         found[found] = equations.locked(some) if equations.system.sparse else equations.always_locked[some]
         return found
 
     def soon_right(self, rows: Indices) -> bool:
-        """Tell whether misjudged rows are so at the start only: their normal forces pass 0 at once, as they should."""
+        """Tell whether rows are misjudged at the start only: their normal forces at once pass 0 to the right side."""
         some = self.is_normal & np.isin(self.row, rows)
         value, rate = self.first[0, some], self.first[1, some]
         return bool(((rate > 0) & (-value <= _AT_ONCE * rate * self.motion.horizon)).all())
 
     @property
     def stays_zero(self) -> Indices:
-        """Moving rows at rest whose relative velocity stays 0."""
+        """Rows in a mode of motion whose relative velocity is 0 at the start and stays 0."""
         rows = ((self.order == NEVER) & self.is_velocity).nonzero()[0]
         modes = self.motion.equations.modes
         found = self.row[rows]
@@ -257,21 +263,21 @@ class GuardsAtStart(GuardValues):
 
     @cached_property
     def _changes(self) -> Array:
-        """What adds up in the guards, orders 0 to 3, if what cancels in the rates counts no further.
+        """What adds up in the guards, orders 0 to 3, from rates in which forces have cancelled.
 
-        Beside a stiff damper two forces that cancel would count in all later orders, more in each.
+        Otherwise two forces that cancel beside a stiff damper would count in all higher orders, more in each.
         """
         sizes = self.motion.magnitudes(3, from_rates=True)
         return np.array([self.rows.majorants(z, q) for q, z in sizes])
 
     @cached_property
     def _adds_up(self) -> Array:
-        """What adds up at exactly this time, orders 0 to 3."""
+        """What adds up in the guards, orders 0 to 3, as if the time were exact."""
         return self.motion.guard_magnitudes(self.rows, 3)
 
     @property
     def _in_time(self) -> Array:
-        """What adds up in changes with time, orders 0 to 3: a dwell that begins just now knows its age."""
+        """What adds up in changes with time, orders 0 to 3, without dwells that begin now: their age is exact."""
         motion = self.motion
         return motion.guard_magnitudes(self.rows, 3, True) if motion.begins_to_rise else self._adds_up
 
@@ -293,7 +299,7 @@ class GuardsAtStart(GuardValues):
 
     @property
     def step_scale(self) -> Array:
-        """For each guard that is no velocity what it compares at the start, or what adds up in that if it is more."""
+        """For guards that are no velocities the size of what they compare at the start, or what adds up if more."""
         own = self.rows.forces
         return np.maximum(self.value_scale[own], self.majorant[0, own])
 
@@ -306,9 +312,10 @@ class GuardsAtStart(GuardValues):
 
 
 def with_time(sizes: Array, changes: Array, t: float) -> Array:
-    """Return what adds up in Taylor coefficients, an order per row, with the roundoff of the time.
+    """Return what adds up in Taylor coefficients, an order per row, with the roundoff of the time added.
 
-    It is one of all that `changes`; the highest order is left out.
+    `sizes` hold for an exact time. An error of the time changes each order by the next order of `changes`; so the
+    highest order is left out.
     """
     late = TIME / ROUNDOFF * abs(t) * _ORDERS[: sizes.shape[0] - 1]
     return np.asarray(sizes[:-1] + late * changes[1:])

@@ -1,8 +1,8 @@
-"""Guards: what has to stay positive while the modes hold.
+"""Guards: quantities that stay positive while the modes hold.
 
-``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one, N of a closed contact whose normal force
-depends on the state, and ``-N`` of an open one. A guard that is 0 at the start has its zero divided out: what is left
-is positive there and has all the later roots.
+They are ``s w`` of a row that moves in the direction s, ``high - lambda`` and ``lambda - low`` of a held row, N of a
+closed contact whose normal force depends on the state, and ``-N`` of an open one. A guard that is 0 at the start is
+divided by a power of the time: the quotient is positive at the start and has all later roots of the guard.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from stickslip.equations.guards.at_start import AT_LIMIT, NEVER, ROUNDOFF, STRET
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
-# Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff.
+# A velocity that is beyond 0 by this part of its leeway has passed 0: what is missing of the leeway is roundoff.
 FULLY = 0.999
 
-# Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell.
+# The least leeway of a contact that may stick where it touches 0, as a part of what is uncertain of its velocity, if
+# its level rises with the dwell.
 _IF_DWELLING = 1e-2
 
-_LOOKS = 5  # times at which loads are looked at for what adds up in guards
+_LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for what adds up in guards
 
 _TINY = np.finfo(float).tiny
 
@@ -33,9 +34,9 @@ class Guards(GuardsAtStart):
     """The guards of a motion, ready when constructed, and their values along it."""
 
     def at_end(self, path: Path) -> tuple[Array, Array]:
-        """Return the guards at the end of a path, and for each the size of what it compares from the start up to there.
+        """Return the guards at the end of a path, and for each the size of what it compares from the start to the end.
 
-        Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
+        The size at the start alone may be 0: where a motion starts from rest, or contacts only begin to be pressed.
         """
         motion, rows, tau = self.motion, self.rows, float(path.taus[-1])
         system, y = motion.system, path.last
@@ -49,29 +50,30 @@ class Guards(GuardsAtStart):
             speeds = system.abs_G @ path.largest[: system.n]
             if system.drives:
                 speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(motion.loads(tau)))
-            # what a solver has begun to move a moment ago has no speed yet
+            # a row that a solver has only just begun to move has no speed yet
             size[some] = np.maximum(speeds[self.row[some]], self.uncertain[some])
         some = rows.without_size
         if some.size:
-            # nor are stretches and forces that are compared with 0 any size where they begin and end
+            # Stretches, and forces without a level, are compared with 0. At the start and at the end they may be 0
+            # themselves: what adds up in them along the path is their size.
             size[self.is_border] = 0.0
             size[some] = np.maximum(size[some], self._adds_up_along(path, q)[some])
         if rows.has_normals and system.dependence is not None:
-            # what a normal force follows may be 0 where it starts, and again where it ends
+            # the states that a normal force depends on may be 0 at the start and at the end: their largest sizes count
             pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
             size[self.is_normal] = pressed[self.row[self.is_normal]]
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         g = self._divided(g, tau)
         if not self.is_plain:
-            # what is divided by a time is a size again, whatever the unit of time
+            # quotients by a power of the time compare with sizes again, whatever the unit of time
             g[self.order == 1] *= self.motion.horizon
             g[self._bent] *= self.motion.horizon**2
         return g, np.maximum(start, size)
 
     def nearest(self, part: Array, path: Path) -> Mask:
-        """Return the guard that came to 0 at the end of a path; where that is not known, the one nearest to 0.
+        """Tell which guard came to 0 at the end of a path; the one nearest to 0 where the path does not name it.
 
-        `part` is what is left of each as a part of its size, without zeros.
+        `part` are the guards at the end as parts of their sizes, zeros at the start divided out.
         """
         found = path.guard
         if found is None:
@@ -81,9 +83,9 @@ class Guards(GuardsAtStart):
         return np.asarray(np.arange(self.size) == found)
 
     def _adds_up_along(self, path: Path, last: Array) -> Array:
-        """Return what adds up in the guards along a path that ends with the `last` inputs.
+        """Return what adds up in the guards along a path that ends with the inputs `last`.
 
-        Loads that are neither lines nor sines are looked at a few times on the way.
+        Loads that are neither lines nor sines are sampled a few times on the way.
         """
         motion, segment = self.motion, self.motion.segment
         q = np.maximum(np.abs(motion.start_inputs), np.abs(last))
@@ -96,14 +98,17 @@ class Guards(GuardsAtStart):
         return self.rows.majorants(motion.equations.magnitudes(path.largest, q)[1], q)
 
     def row_and_direction(self, i: int) -> tuple[int, int] | None:
-        """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where none does."""
+        """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where no row does.
+
+        The direction is 0 for a row that sticks.
+        """
         if i < self.rows.slips or (self.direction[i] and not self.is_velocity[i]):
             return int(self.row[i]), int(self.direction[i])
         return None
 
     @cached_property
     def allowance(self) -> Array:
-        """By how much sines can lower each guard, where they move nothing."""
+        """By how much sines can lower each guard at most, if they move nothing."""
         motion, system = self.motion, self.motion.system
         found = np.zeros(self.size)
         amplitudes = motion.segment.amplitudes
@@ -114,14 +119,14 @@ class Guards(GuardsAtStart):
         return found
 
     def is_followed_frozen(self, i: int) -> bool:
-        """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
+        """Tell whether a guard is the same in a frozen expansion, without rising levels and sines that move nothing."""
         return i not in self.rows.rising and (not self.motion.segment.has_sines or self.allowance[i] == 0)
 
     # -- values with zeros divided out -----------------------------------------------------------------------
 
     @cached_property
     def _roundoff(self) -> tuple[Array, Array]:
-        """Until when a guard that leaves 0 is roundoff, and how far one that stays 0 may stray from it."""
+        """Local times until which guards that leave 0 are roundoff, and how far guards that stay 0 may stray from 0."""
         g = self.start if self._bent.size else self.first
         noise = ROUNDOFF * self.majorant
         rough = ROUNDOFF * self.scale + noise[0]
@@ -129,11 +134,11 @@ class Guards(GuardsAtStart):
         for k in set(self.order[self._leaves].tolist()):
             rows = (self.order == k).nonzero()[0]
             leads = np.maximum(g[k, rows] if k <= 2 else self._higher[0][k, rows], _TINY)
-            # where nothing but roundoff leaves 0 the quotient may be too large for a number
+            # a lead that is next to 0 may make the quotient overflow
             with np.errstate(over="ignore"):
                 settled[rows] += (rough[rows] / leads) ** (1.0 / k)
                 if k > 1:
-                    # a slope that is roundoff may bring it below 0 again
+                    # a slope that is roundoff may bring the guard below 0 again
                     slope = STRETCH_ROUNDOFF * self.majorant[1, rows]
                     settled[rows] += (slope / leads) ** (1.0 / (k - 1))
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
@@ -142,7 +147,7 @@ class Guards(GuardsAtStart):
             rough + 1e2 * noise[1] * self.motion.horizon,
             AT_LIMIT * self.scale + noise[0],
         )
-        # what soon moves is followed; only what stays 0 may drift as long as the motion lasts
+        # a velocity that stays 0 may drift by roundoff over the whole motion; that of a row that lets go will move
         flat[self.lets_go] = rough[self.lets_go]
         stray = np.abs(g[0]) + 3 * flat + _TINY
         stray[self._never] = math.inf
@@ -155,25 +160,26 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def _falls(self) -> Array:
-        """Slopes that are roundoff of guards that leave 0 without one, where they fall.
+        """The slopes of the guards `_bent`, which are roundoff, where they are negative; 0 where they are positive.
 
-        One that rises helps them to leave it: without it, what is left of a short step is nothing but errors.
+        These slopes are subtracted. A positive one is not: it helps the guard to leave 0, and without it a short step
+        would leave nothing but errors.
         """
         return np.asarray(np.minimum(self.start[1, self._bent], 0.0))
 
     def still_at_rest(self, tau: float) -> Indices:
-        """Return the rows that leave rest at the start and have not left it by a local time, but for roundoff."""
+        """Return the rows that leave rest at the start, but have moved by no more than roundoff by a local time."""
         if self.is_plain:
             return np.empty(0, dtype=np.intp)
         leaves = self.is_velocity & (self.order > 0) & (tau <= self._roundoff[0])
         return np.asarray(self.row[leaves], dtype=np.intp)
 
     def not_told(self, tau: float) -> Mask:
-        """Tell which guards leave 0 at the start, and are roundoff up to a local time."""
+        """Tell which guards leave 0 at the start, and are still roundoff at a local time."""
         return np.asarray(tau <= self.each_told)
 
     def roundoff_until(self, rows: Indices) -> Array:
-        """Return the local times until which relative velocities that leave 0 are roundoff, -1 for all others."""
+        """Return the local times until which velocities of some rows that leave 0 are roundoff, -1 for all others."""
         found = np.full(self.motion.system.m, -1.0)
         leaves = self.is_velocity & self._leaves
         found[self.row[leaves]] = self.each_told[leaves]
@@ -181,14 +187,15 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def passing(self) -> Indices:
-        """Guards of velocities that pass 0."""
+        """Guards of velocities that are compared with 0, not with the edge of a band."""
         return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
 
     @property
     def stick_at_touch(self) -> Mask:
-        """Guards of contacts that may stick where their velocity only touches 0: they hold more at rest (MODEL rule 2).
+        """Guards of contacts that may stick where their velocity only touches 0 (MODEL rule 2).
 
-        All others would go on at once: what moves them there is no more than their friction in motion.
+        These contacts hold more at rest than in motion. All others would go on at once: where a velocity touches 0, the
+        force that drives the contact is its friction in motion, and they hold no more.
         """
         found = self.rows.may_stick
         if self.rows.has_threshold:
@@ -197,10 +204,11 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def leeway(self) -> Array:
-        """How far each guard has to go beyond 0 before it has passed it.
+        """How far each guard has to go beyond 0 before it has passed 0.
 
-        A contact that may stick where its velocity only touches 0 needs none: whether the motion or an error takes it
-        beyond 0, it is at rest there. Where its level rises with the dwell only, it is held if it rises fast enough.
+        A contact that may stick where its velocity only touches 0 needs no leeway: whether the motion or an error takes
+        it beyond 0, it is at rest there. If its level rises with the dwell, it is held only if the level rises fast
+        enough: it has a small leeway. If it starts beyond 0, it has twice that distance.
         """
         found = np.zeros(self.size)
         found[self.passing] = self.uncertain[self.passing]
@@ -216,7 +224,7 @@ class Guards(GuardsAtStart):
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
-        If `late`, velocities have passed 0 once they are beyond what is uncertain.
+        If `late`, the leeway is added: velocities are negative only once they have passed 0.
         """
         q = self.motion.inputs(tau, y, self._wanted)
         g = self.raw(self.motion.watched(tau, y, q), q)
@@ -225,7 +233,7 @@ class Guards(GuardsAtStart):
         return self._divided(g, tau)
 
     def _divided(self, g: Array, tau: float | Array) -> Array:
-        """Divide zeros at the start out of the guards, in place, and return these."""
+        """Divide zeros at the start out of the guards `g`, in place, and return `g`."""
         if self.is_plain:
             return g
         settled, stray = self._roundoff
@@ -245,7 +253,7 @@ class Guards(GuardsAtStart):
         return g
 
     def undivided(self, taus: Array, y: Array) -> Array:
-        """Return the guards at local times from the states; what they are at the start that leave 0 is subtracted."""
+        """Return the guards at local times from the states; guards that leave 0 less their values at the start."""
         q = self.motion.inputs(taus, y, self._wanted)
         g = self.raw(self.motion.watched(taus, y, q), q)
         if not self.is_plain:
@@ -255,11 +263,11 @@ class Guards(GuardsAtStart):
     def along(self, path: Path) -> tuple[Array, Mask, Array]:
         """Return Chebyshev coefficients (guards, k, order) of the guards in each step of a path.
 
-        What is linear in states and time is a polynomial like the path. What a guard is at the start where it leaves 0
-        is subtracted, not divided out. Returned are also which guards are these polynomials, and what no guard goes
-        below in each step (guards, k), -inf where that is not known: no Chebyshev polynomial is beyond 1, and a level
-        that rises with its dwell is not below what it would be without rising from the start of a step on. Velocities
-        have passed 0 there once they are beyond what is uncertain.
+        A guard that is linear in states and time is a polynomial, as the path is. Zeros at the start are not divided
+        out: from guards that leave 0 their values at the start are subtracted. Returned are also which guards are
+        exactly these polynomials, and lower bounds of all guards in each step (guards, k), -inf where none is known.
+        The bounds hold because no Chebyshev polynomial is larger than 1, and because a static coefficient that rises
+        with its dwell is not below its value at the start of a step. The leeway of velocities is added to the bounds.
         """
         motion, system, equations = self.motion, self.motion.system, self.motion.equations
         k, order, size = path.coefficients.shape
@@ -270,7 +278,7 @@ class Guards(GuardsAtStart):
         is_linear = dependence is None or dependence.is_linear_in(motion.table_regions)
         bends = not motion.is_straight or not is_linear or (is_rising and motion.rises_push)
         if bends:
-            # velocities are states all the same, unless drives give them that turn
+            # relative velocities are still sums of states and lines, unless velocities of drives are no lines
             unknown |= ~self.is_velocity | system.drives_turn(motion.segment.bent)
         if not path.is_chebyshev or order < 2 or unknown.all():
             return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
@@ -297,7 +305,7 @@ class Guards(GuardsAtStart):
     def _inputs_along(self, path: Path, y: Array, is_linear: bool) -> Array:
         """Return Chebyshev coefficients (inputs, k, orders) of the inputs in each step, from those of the states.
 
-        What depends on the state counts only if it `is_linear` in that.
+        Inputs that depend on the state are included only if they are linear in it: `is_linear`.
         """
         motion, system = self.motion, self.motion.system
         k, order, _ = path.coefficients.shape
@@ -316,7 +324,10 @@ class Guards(GuardsAtStart):
         return found
 
     def _subtract_start(self, g: Array, taus: Array) -> None:
-        """Subtract what guards are at the start that leave 0 there, in place, and add how far others may stray."""
+        """Subtract from guards that leave 0 their values at the start, in place.
+
+        Guards that stay 0 are raised by how far they may stray.
+        """
         if self._offset is not None:
             g += self._offset[:, None]
         first = (self.order == 1).nonzero()[0]
@@ -325,12 +336,12 @@ class Guards(GuardsAtStart):
             g[self._bent] -= self.start[0, self._bent, None] + np.multiply.outer(self._falls, taus)
 
     def smallest(self, tau: float, y: Array) -> float:
-        """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
+        """Return the smallest guard at a state, with the leeway of velocities added."""
         if not self.size:
             return math.inf
         if tau <= self.told:
             return float(self.values(tau, y, late=True).min())
-        # no zero of the start is near: its order does not change a sign
+        # zeros at the start are behind: dividing by a power of the time would change no sign
         if self.in_floats is not None:
             return self.in_floats(tau, y)
         motion, q = self.motion, None
@@ -346,7 +357,7 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
-        """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
+        """What `smallest` returns for a small motion after the time `told`, in plain floats; None for others."""
         sums, rows = self.motion.sums, self.rows
         if sums is None or not self.size:
             return None
@@ -362,12 +373,12 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def told(self) -> float:
-        """Local time until which the sign of a guard that leaves 0 is roundoff; -1 where none leaves it."""
+        """Local time until which the sign of some guard that leaves 0 is roundoff; -1 if no guard leaves 0."""
         return float(self.each_told.max(initial=-1.0))
 
     @cached_property
     def each_told(self) -> Array:
-        """The same of each guard, -1 for those that do not leave 0."""
+        """Local time until which the sign of each guard is roundoff, -1 for guards that do not leave 0."""
         return np.where(self._leaves, self._roundoff[0], -1.0) if self._leaves.any() else np.full(self.size, -1.0)
 
     @cached_property
@@ -377,15 +388,15 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def _offset(self) -> Array | None:
-        """How far guards that stay 0 may stray from it, 0 for all others."""
+        """How far guards that stay 0 may stray from 0, 0 for all others; None if no guard stays 0."""
         stays = self.order == NEVER
         return np.where(stays, self._roundoff[1], 0.0) if stays.any() else None
 
     @cached_property
     def _lift(self) -> Array | None:
-        """What is added to guards before their signs are read: `_offset`, and how far a solver started below 0.
+        """What is added to guards before their signs are read; None if no guard is 0 at the start.
 
-        None where no guard is 0 at the start.
+        It is `_offset`, and for guards that leave 0 how far below 0 the errors of a solver let them start.
         """
         if self.is_plain:
             return None

@@ -51,7 +51,7 @@ class Forms:
         return self.S @ y[self.columns] + self.P @ q[self.places]
 
     def sizes(self, y: Array, q: Array) -> Array:
-        """Return what adds up in them."""
+        """Return what adds up in the forms."""
         return np.asarray(np.abs(self.S) @ np.abs(y[self.columns]) + np.abs(self.P) @ np.abs(q[self.places]))
 
     def slopes(self, columns: Indices, q_by_y: Array) -> Array:
@@ -64,22 +64,22 @@ class Forms:
 class Dependence:
     """The inputs that depend on the state.
 
-    The first value of the first node is input `first`; `normals` are what is added to normal forces, by row.
+    The first value of the first node is input `first`; `normals` are forms that are added to normal forces, by row.
 
     Attributes
     ----------
     arguments : list of Forms
-        What each node is a function of, a table what it is looked up at.
+        The arguments of each node; a table has one, at which it is looked up.
     tables : list of int
         The nodes that are tables.
     places, rows : array of int
-        The inputs that it fills: nodes and rows, and the rows whose normal forces depend on the state.
+        The inputs that depend on the state, and the rows among them: those whose normal forces do.
     columns : array of int
-        The states that it reads.
+        The states on which these inputs depend.
     width : int
-        Inputs that are values of functions.
+        How many inputs are values of functions.
     has_heat : bool
-        Whether the power of a contact is one.
+        Whether a node is the power of a contact.
     calls : int
         How often functions have been called since they were last forgotten.
     """
@@ -133,12 +133,12 @@ class Dependence:
         return self.is_linear and (regions is not None or not self.tables)
 
     def looked_up(self, q: Array, y: Array) -> Array:
-        """Return what each table is looked up at, a line each; the inputs are filled."""
+        """Return what each table is looked up at, a line each, from inputs that have been filled."""
         found = [self.arguments[k].at(y, q)[0] for k in self.tables]
         return np.array(found).reshape(len(found), *y.shape[1:])
 
     def adds_up(self, q: Array, y: Array) -> Array:
-        """Return what adds up in what each table is looked up at; the inputs are filled."""
+        """Return what adds up in the argument of each table, from inputs that have been filled."""
         return np.array([self.arguments[k].sizes(np.abs(y), np.abs(q))[0] for k in self.tables])
 
     def region(self, number: int, x: float) -> int:
@@ -178,7 +178,7 @@ class Dependence:
         return scipy.sparse.csr_array((values, (places, columns)), shape=(inputs, size))
 
     def pattern(self, inputs: int) -> Array:
-        """Return numbers in place of the derivatives, none of which cancel: where these may differ from 0."""
+        """Return numbers where derivatives may differ from 0: random ones, so that none cancel."""
         found = np.zeros((inputs, self.columns.size))
         found[self.places] = np.random.default_rng(0).uniform(1.0, 2.0, (self.places.size, self.columns.size))
         return found
@@ -192,7 +192,7 @@ class Dependence:
     def _called(self, number: int, t: float, arguments: tuple[float, ...]) -> Sequence[float]:
         """Return the values of a function.
 
-        A ValueError names element, time and arguments where they are no finite numbers.
+        Raises a ValueError with element, time and arguments where the values are no finite numbers.
         """
         node, known = self.nodes[number], self._known[number]
         key = (t if node.timed else 0.0, *arguments)
@@ -230,7 +230,7 @@ class Dependence:
         friction: Callable[[int], Callable[[float, float], float]],
         regions: TableRegions,
     ) -> None:
-        """Enter what depends on the state into the inputs, in place; inputs and states are sums over columns.
+        """Enter the values of inputs that depend on the state, in place; inputs and states are sums over columns.
 
         Local time runs from `t`. `friction` returns the friction force of a row as a function of its relative velocity
         and normal force. Each table follows the line of its region.
@@ -263,11 +263,11 @@ class Dependence:
         wanted: Collection[int] | None = None,
         regions: TableRegions = None,
     ) -> None:
-        """Enter what depends on the state into the inputs, in place; columns where there are many times.
+        """Enter the values of inputs that depend on the state, in place; columns where there are many times.
 
-        `friction` is the motion that tells friction forces, None where its modes are not known yet. Functions may be
+        `friction` returns the friction forces of a motion, None where its modes are not known yet. Functions may be
         slow: only the nodes `wanted` are computed, None for all. Each table follows the line of its region, also beyond
-        its borders; without `regions`, that of what it is looked up at.
+        its borders; without `regions`, the line at its argument.
         """
         for number, (node, forms, own) in enumerate(zip(self.nodes, self.arguments, self._ranges, strict=True)):
             if wanted is not None and number not in wanted:
@@ -291,10 +291,10 @@ class Dependence:
             q[self.rows] += self._normals.at(y, q)
 
     def add_linear(self, q: Array, y: Array, regions: TableRegions) -> None:
-        """Enter what depends linearly on the state, in place; columns where `q` and `y` have columns.
+        """Enter the inputs that depend linearly on the state, in place; columns where `q` and `y` have columns.
 
-        These may be values, rates, Taylor coefficients or maps: the last input is the constant 1, which offsets of
-        tables are multiples of.
+        `q` and `y` may be values, rates, Taylor coefficients or maps: offsets of tables are multiples of the last
+        input, the constant 1.
         """
         for k in self.tables:
             x = self.arguments[k].at(y, q)[0]
@@ -304,7 +304,7 @@ class Dependence:
             q[self.rows] += self._normals.at(y, q)
 
     def sizes_of_tables(self, q: Array, y: Array) -> Array:
-        """Return what adds up in inputs `q`, tables among them: these are as rough as what they are looked up at."""
+        """Return what adds up in inputs `q`, in place: in a table no less than in its argument, by its slope."""
         for k in self.tables:
             steepest = np.abs(self._lines[k][:, 1]).max()
             q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].sizes(y, q))
@@ -341,7 +341,7 @@ class Dependence:
         return found
 
     def sizes_looked_up(self, y: Array, inputs: int) -> Array:
-        """Return what states of some sizes add up to in what tables are looked up at, functions left out."""
+        """Return what states of some sizes add up to in the arguments of tables, functions left out."""
         q, slopes = np.zeros(inputs), []
         for k, node in enumerate(self.nodes):
             steepest = np.abs(self._lines[k][:, 1]).max() if k in self._lines else 0.0
@@ -354,7 +354,7 @@ class Dependence:
     ) -> Array:
         """Return the derivatives of the inputs with respect to the states `columns`."""
         found = np.zeros((q.size, self.columns.size))
-        # what grows beyond all limits fails where it is a rate
+        # derivatives that overflow are noticed where rates are computed
         with np.errstate(over="ignore", invalid="ignore"):
             by_arguments = self.slopes_by_arguments(q, y, t, tau, friction, regions)
             for slopes, forms, own in zip(by_arguments, self.arguments, self._ranges, strict=True):
@@ -393,7 +393,7 @@ class Dependence:
 
 
 def _told(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -> str:
-    """Return what a function is said to have done, with its element, time and arguments."""
+    """Return the message about an error of a function, with its element, time and arguments."""
     given = ", ".join(f"{x:.9g}" for x in arguments)
     return f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})"
 

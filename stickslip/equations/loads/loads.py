@@ -28,8 +28,8 @@ NO_SINE_TURNS: SineTurns = ((), ())
 # The region of each table in which a motion is; None where tables are looked up.
 TableRegions = tuple[int, ...] | None
 
-_JUMP = 1e-9  # part of a signal by which it jumps at least
-_TOGETHER = 2e-15  # part of a time by which breaks differ that are the same but for roundoff
+_JUMP = 1e-9  # a signal jumps if it changes by more than this part of its largest value
+_TOGETHER = 2e-15  # breaks that differ by this part of their time are the same but for roundoff
 _MOST_ENTRIES = 10_000  # entries of segments that are kept at most
 
 
@@ -103,7 +103,7 @@ class Loads:
 
     @cached_property
     def every_break(self) -> list[float]:
-        """The breaks of all signals in order, those of several at one time as often."""
+        """The breaks of all signals in order; a time at which several signals break is repeated."""
         return sorted(chain.from_iterable(self.breaks_of))
 
     def is_only_sample(self, t: float) -> bool:
@@ -111,7 +111,7 @@ class Loads:
         return t in self._samples
 
     def periods(self, start: float, stop: float, parts: int) -> Array:
-        """Return times that cut a span into as many parts as fit `parts` into each of the shortest periods."""
+        """Return times that cut a span into parts of equal length, at least `parts` of them in each shortest period."""
         count = math.ceil(parts * (stop - start) / self.period) if stop > start else 1
         return np.linspace(start, stop, count + 1) if count > 1 else np.array([start, stop])
 
@@ -167,7 +167,7 @@ class Loads:
 
 
 def _apart(breaks: set[float]) -> set[float]:
-    """Return the last ones of breaks that differ by roundoff: where one signal crosses 0 as another has its corner."""
+    """Return breaks, the last of those that differ by roundoff: one signal may cross 0 where another has a corner."""
     found = list[float]()
     for b in sorted(breaks):
         if found and b - found[-1] <= _TOGETHER * abs(b):
@@ -179,8 +179,8 @@ def _apart(breaks: set[float]) -> set[float]:
 class Segment:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
-    `value` and `slope` are the straight part, `bent` the entries that are not straight, and `table_regions` those in
-    which motions begin; `beside` these tables may be looked up by so much.
+    `value` and `slope` are the straight part, `bent` the entries that are not straight. `table_regions` are the regions
+    of tables in which motions begin, and `beside` is how far beside these regions tables may be looked up.
     """
 
     def __init__(
@@ -259,7 +259,7 @@ class Segment:
         return q
 
     def rate(self, t: float) -> Array:
-        """Return the slopes of the inputs at `t`, by differences where the signal of a user tells none."""
+        """Return the slopes of the inputs at `t`, by differences where a signal of the user has none."""
         rate = self.slope.copy()
         if self.has_sines:
             np.add.at(rate, self.sines.entry, self.sines.rate(t))
@@ -268,9 +268,9 @@ class Segment:
         return rate
 
     def just_after(self, t: float, count: int) -> Array:
-        """Return numbers of the signs that the first inputs, which are cut off at 0, have just after `t`.
+        """Return numbers with the signs of the first `count` inputs, which are cut off at 0, just after `t`.
 
-        Between two breaks such an input is 0 all along, or nowhere but at instants.
+        Between two breaks such an input is 0 throughout, or only at single instants.
         """
         if self.is_stepped:
             return self.rate(t)[:count]
@@ -280,9 +280,9 @@ class Segment:
         return np.asarray(self.sampled(np.array([later]), slice(count))[:, 0])
 
     def taylor(self, t: float, order: int, scale: float = 1.0, sines: bool = True) -> Array:
-        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.
+        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions are left out.
 
-        Without `sines`, these count nothing either.
+        Without `sines`, these are left out, too.
         """
         found = np.zeros((order + 1, self.value.size))
         found[0] = self.line(t)
@@ -332,6 +332,6 @@ def _jumps(value: Callable[[float], float], times: Sequence[float]) -> list[floa
 
 
 def _slope(term: Signal, start: float, stop: float) -> Signal:
-    """Return the slope of a load within a segment, as a load that has a slope: over a part of its period."""
+    """Return the slope of a load within a segment as a load, whose slope is a difference over a part of its period."""
     period = term.period or math.inf
     return Function(term.slope, (), period if math.isfinite(period) else None, limits=(start, stop))

@@ -22,11 +22,12 @@ from stickslip.model.signals import Constant, Load, Signal
 
 _Found = TypeVar("_Found")
 Key = tuple[str, int, int]  # kind of an input, its number, and for functions which of their values
-# Differences are this part of an argument, or of a small number; where a function bends within that, another part.
+# The step of a difference is `_STEP` of the argument, or of `_SMALL` if this is larger. Where a function bends within
+# the step, it is `_FINE` of the argument.
 _STEP, _SMALL, _FINE = 1e-5, 1e-3, 1e-4
 
-# Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
-# part of a slope by which it must differ from that over a larger step.
+# The finer step is taken for arguments above `_TINY`, if the value changes by more than roundoff, `_TOLD` of the value,
+# and the slope differs from that over the larger step by more than `_BENDS` of the slope.
 _TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-6
 
 
@@ -74,15 +75,15 @@ class Node:
     row: int = -1  # the row whose heat it is, -1 for a function
     width: int = 1
     timed: bool = False  # whether it depends on time beside its arguments
-    is_rate: bool = False  # whether it tells how fast states of a block change, and nothing else
+    is_rate: bool = False  # whether its values are rates of the states of a block, and nothing else
     table: of.Table | None = None  # straight lines, each of which holds in a region of the one argument
 
 
 def differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:
     """Return the derivatives of a function by differences of second order ahead, a line per value.
 
-    They look to one side only: a function may end at 0. A small argument may be all that a slow scene has, so a step is
-    a part of it where the function tells such steps apart, and bends within a step that is a part of a larger number.
+    Steps go to one side only: a function may end at 0. In a slow scene all arguments may be small. So the step is a
+    part of a small argument if the function resolves such a step and bends within the usual one.
     """
 
     def along(k: int, step: float) -> tuple[Array, Array]:
@@ -107,9 +108,10 @@ def differences(function: Callable[[Array], Array], arguments: Array, value: Arr
 class Reader:
     """Resolves quantities to linear forms.
 
-    `position_state` tells where the positions of bodies and drives stand in the state, `places` where blocks do.
+    `position_state` are the places of the positions of bodies and drives in the state, `places` those of blocks.
     `signals` are the loads that are inputs of their own, and `nodes` the functions, each after those that it depends
-    on. If it `shares`, what is read at several places is there once, and `is_shared` tells whether something is.
+    on. If it `shares`, a load or function that is read at several places is one input; `is_shared` tells whether there
+    is one.
     """
 
     def __init__(
@@ -227,7 +229,7 @@ class Reader:
     def rates(self, block: AnyBlock) -> list[Form]:
         """Return how fast the states of a block change."""
         place, label = self._places[block.name], f"{block.label}: an input"
-        # all inputs, whether something reads them or not: results do
+        # all inputs are resolved, even those that nothing but results reads
         inputs = [self.form(u, label) for u in block.quantities()]
         if isinstance(block, StateSpace):
             found = [Form({place.first + k: c for k, c in enumerate(row) if c}) for row in block.A]

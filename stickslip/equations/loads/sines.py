@@ -62,8 +62,8 @@ class Sines:
         return Sines(self.entry[places], *self.numbers[:, places])
 
     def gone(self, start: float, t: float | Array) -> Array:
-        """Return what they have added up to from `start` to `t`: a number for each, or of one of them at many times."""
-        # one product, no difference: slow sines have integrals that are large
+        """Return their integrals from `start` to `t`: a number for each, or for one of them at many times."""
+        # one product, no difference: the integrals of slow sines are large, and would cancel
         half = math.pi * np.fmod(self.frequency * (t - start), 2.0)
         return np.asarray(self.amplitude / math.pi * np.sin(half) / self.frequency * np.sin(self.angle(start) + half))
 

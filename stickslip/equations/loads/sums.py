@@ -1,4 +1,4 @@
-"""Which signals are made of others: drives with such velocities never move apart between rows of these levers."""
+"""Which signals are sums of others: drives with such velocities do not tear rows whose levers match the factors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _Atoms = dict[Hashable, float]
 
 
 def made_of_others(signals: Sequence[Signal]) -> list[dict[int, float]]:
-    """Return for each signal of which ones before it it is the sum, and with which factors; or itself, with 1."""
+    """Return for each signal the signals before it of which it is the sum, with their factors; or itself, with 1."""
     found: list[dict[int, float]] = []
     independent: dict[int, _Atoms] = {}
     with_atom: dict[Hashable, list[int]] = {}
@@ -61,7 +61,7 @@ def _factors(own: _Atoms, others: dict[int, _Atoms]) -> dict[int, float]:
 
 
 def _atoms(signal: Signal, number: int) -> _Atoms:
-    """Return what a signal is the sum of, each with its factor, but for roundoff; of a constant only itself."""
+    """Return the atoms of which a signal is the sum, with their factors, but for roundoff; a constant is its own."""
     found: _Atoms = {}
     try:
         for atom, factor in _parts(signal):
@@ -71,7 +71,7 @@ def _atoms(signal: Signal, number: int) -> _Atoms:
         found = {number: 1.0}
     largest = max(map(abs, found.values()), default=0.0)
     some = {atom: factor for atom, factor in found.items() if abs(factor) > _ROUGH * largest}
-    # constants never move apart from anything
+    # a drive of constant velocity has no acceleration that could tear rows
     return {number: 1.0} if some.keys() <= {"one"} else some
 
 
