@@ -50,12 +50,12 @@ Job = Callable[[argparse.Namespace], int]
 
 
 class _BadInput(Exception):
-    """What was asked for cannot be done; the message says what to change."""
+    """The command cannot be carried out; the message says what to change."""
 
 
 @contextmanager
 def _refusals(what: str = "") -> Iterator[None]:
-    """Tell what is refused as bad input; `what` begins the message."""
+    """Turn errors of arguments and of files into bad input; `what` begins the message."""
     try:
         yield
     except BrokenPipeError:
@@ -191,7 +191,7 @@ def _command(commands: Any, name: str, job: Job, what: str, example: str) -> arg
 
 
 def _add(parser: argparse.ArgumentParser, flags: Sequence[str] = (), **files: str) -> None:
-    """Add flags, and those that name a file with what is written there."""
+    """Add flags, and for each of `files` a flag that names a file, with its help text."""
     for flag in flags:
         parser.add_argument(f"--{flag.replace('_', '-')}", **_FLAGS[flag])
     for flag, what in files.items():
@@ -226,7 +226,7 @@ def _benchmark(chosen: argparse.Namespace) -> int:
 
 
 def _timed(scene: Scene, options: Mapping[str, Any]) -> tuple[Result, list[float]]:
-    """Return the benchmark's result, and how long in s each of several runs took."""
+    """Return the benchmark's result, and the durations of several runs in s."""
     durations = []
     for _ in range(1 + _REPEATS):
         started = time.perf_counter()
@@ -329,7 +329,7 @@ def _sweep(chosen: argparse.Namespace) -> int:
     if chosen.plot and len(varied) != 2:
         raise _BadInput(f"--plot draws a map over two fields, but {len(varied)} vary; see --csv")
     code = _OK
-    # a single process is this one: none is started
+    # with a single worker the sweep runs in this process
     how: dict[str, Any] = {"executor": "serial"} if chosen.workers == 1 else {"workers": chosen.workers}
     try:
         with _refusals():
@@ -356,7 +356,7 @@ def _grid(runs: SceneRuns, texts: Sequence[str]) -> dict[str, list[float]]:
             raise _BadInput(f"--vary {path} stands twice; list all its values at once")
         with _refusals(f"--vary {text}: "):
             grid[path] = values_of(values)
-            # a field that does not exist is told here, and not once for each point
+            # a field that does not exist is refused here, and not once for each point
             runs.at({path: grid[path][0]})
     return grid
 
@@ -410,7 +410,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _options(chosen: argparse.Namespace, given: Any) -> dict[str, Any]:
-    """Return the arguments of `simulate`: those of the command line before those of the file."""
+    """Return the arguments of `simulate`: those of the command line replace those of the file."""
     if not isinstance(given, Mapping):
         raise _BadInput(f"{chosen.scene}: simulation must be a table, got {given!r}")
     known = (*_OF_SIMULATE, "points")

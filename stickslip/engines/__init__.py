@@ -1,4 +1,4 @@
-"""Advance a motion to its first event. The registry of methods: an engine's file and a line here each."""
+"""Engines advance a motion to its first event. Each engine is a file, and a line in the registry here."""
 
 from typing import Literal
 
@@ -7,10 +7,10 @@ from stickslip.engines.base import Method
 
 __all__ = ["METHODS", "MethodName"]
 
-# What `simulate` takes, for editors and type checkers.
+# What `simulate` accepts as `method`, for editors and type checkers.
 MethodName = Literal["auto", "series", "BDF", "Adams", "RK4", "Euler"]
 
-# Every method by name, as `simulate` takes it; IDA is what BDF is in the multiplier formulation.
+# Every method by name, as `simulate` takes it. In the multiplier formulation, method "BDF" means IDA.
 METHODS: dict[str, Method] = {
     "series": series.SERIES,
     "BDF": cvode.BDF,

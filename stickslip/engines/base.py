@@ -1,4 +1,4 @@
-"""What every engine is: made for one simulation, it advances motions; a method says what it is made for."""
+"""The interface of engines: an engine is made for one simulation and advances motions; a method describes it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
-# Local error that solvers allow per step, as a part of the tolerance asked for: what many steps add up is larger.
+# Local error that solvers allow per step, as a part of the tolerance asked for: the errors of many steps add up.
 LOCAL = 0.1
 
 
@@ -32,7 +32,7 @@ class Task:
     step: float = math.nan  # length of fixed steps in s
     # integrate the independent velocities only: the state shrinks and grows (Breedveld 2000, figs. 4 and 5)
     merged: bool = False
-    # whether CVODE leaves motions to the series in which all rows are held and all is linear
+    # whether CVODE leaves linear motions in which no guard is a velocity to the series
     exact_at_rest: bool = False
     interruption: Interruption = field(default_factory=Interruption)
 
@@ -49,15 +49,15 @@ class Engine(Protocol):
 
 @dataclass(frozen=True)
 class Method:
-    """What `simulate` has to know of an engine."""
+    """What `simulate` has to know about an engine."""
 
-    title: str  # as explanations name it
+    title: str  # its name in explanations
     make: Callable[[Task], Engine]  # returns the engine of a task
-    formulations: tuple[str, ...] = ("contact-force",)  # those that it solves, as `simulate` takes them
-    takes_steps: bool = False  # whether it needs the length of its steps
-    # ``why_not(system, loads)`` says what in a scene it cannot follow, None if it can
+    formulations: tuple[str, ...] = ("contact-force",)  # the formulations that it solves, as `simulate` takes them
+    takes_steps: bool = False  # whether it needs the length of fixed steps
+    # ``why_not(system, loads)`` says what in a scene the engine cannot follow, None if it can follow all
     why_not: Callable[[System, Loads], str | None] = lambda system, loads: None
-    # a velocity range in which a force turns over has to be so many times what the tolerances leave uncertain
+    # how many times the velocity error that tolerances allow the range must be in which a smooth law changes sign
     resolution: float = 1e3
-    # how many times less accurately than states it knows forces; 0 where they follow from the states
+    # ratio of the relative errors of forces and of states; 0 where forces follow from the states
     force_uncertainty: float = 0.0

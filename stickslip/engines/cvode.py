@@ -20,17 +20,21 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
-# scikit-sundae keeps every event's record on the guard function: a fresh solver now and then.
+# Scikit-sundae keeps a record of every event on the guard function: after so many events a solver is replaced.
 _EVENTS_PER_SOLVER = 20
 
-# First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there.
+# Parts of the longest first step that a motion allows: the first step of a new solver, and the least one with which an
+# existing solver is used again.
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
 
 _Steps = tuple[float, float]  # longest and first step in s
 
 
 class _Followed:
-    """What is followed at the time: solvers call it. They do not know the engine, or only the collector frees both."""
+    """The motion that is followed now, for the callbacks of solvers.
+
+    Solvers do not refer to the engine: such a cycle of references could only be freed by the garbage collector.
+    """
 
     motion: Selected
     rate: Callable[[float, Array, Array], None]
@@ -42,10 +46,10 @@ class _Followed:
         self.linear_solver = LinearSolver()
 
     def jacobian(self, tau: float, y: Array) -> Any:
-        """Return the Jacobian, the first one at the state that the motion comes to soon.
+        """Return the Jacobian; the first one is that at the state which the Taylor series at the start gives for `tau`.
 
-        CVODE foresees its first point from rates alone, and from rest these are roundoff. Bristles that nothing presses
-        yet are as stiff as can be there, and with a Jacobian that is too stiff CVODE takes any step for solved.
+        CVODE predicts its first point from rates alone, and from rest these are roundoff. At that point bristles that
+        nothing presses yet are as stiff as can be. With a Jacobian that is too stiff CVODE accepts any step as solved.
         """
         whole = None if self.has_begun else self.motion.motion.soon(tau)
         self.has_begun = True
@@ -117,7 +121,7 @@ class Cvode:
         return key, self._solvers[key]
 
     def _make(self, max_step: float, first: float) -> Any:
-        """Return a solver; what it calls belongs to the motion that is followed at the time."""
+        """Return a solver; its callbacks serve whatever motion is followed when they are called."""
         now = self._now
 
         def rate(tau: float, y: Array, out: Array) -> None:
@@ -157,14 +161,14 @@ class Selected:
         if merged:
             stays = np.ones(size, dtype=bool)
             stays[motion.equations.dependent] = False
-            # CVODE takes no empty state
+            # CVODE refuses an empty state
             stays[0] |= not stays.any()
             self._order = self._order[stays[self._order]]
             self._is_part = True
         self.start = self.pick(motion.y)
 
     def pick(self, values: Array) -> Array:
-        """Return what belongs to the states that are integrated."""
+        """Return the values of the states that are integrated."""
         return values if self._is_all else values[self._order]
 
     def expand(self, tau: float, y: Array) -> Array:
@@ -184,7 +188,7 @@ class Selected:
         return self.motion.exact(taus, full.T).T
 
     def writes_rates(self) -> Callable[[float, Array, Array], None]:
-        """Return what writes the rates."""
+        """Return the function that writes the rates of the integrated states."""
         in_floats = self.motion.in_floats if self._is_all else None
         return in_floats or self._in_arrays
 
@@ -208,5 +212,5 @@ def _shortest(values: Array) -> float | Array:
 _FORMULATIONS = ("contact-force", "merged")
 BDF = Method("CVODE BDF", lambda task: Cvode(task, "BDF"), _FORMULATIONS)
 
-# Not made for stiffness.
+# Adams methods are not made for stiffness: they must resolve the velocities of smooth laws better.
 ADAMS = Method("CVODE Adams", lambda task: Cvode(task, "Adams"), _FORMULATIONS, resolution=1e4)

@@ -100,12 +100,12 @@ class FixedStep:
         return ys
 
     def _until_a_change(self, motion: Motion, guards: Guards, ends: Array, ys: Array) -> tuple[int, bool, bool]:
-        """Return how many steps hold, whether a guard ended them, and whether anything did."""
+        """Return how many steps are valid, whether a guard ended them, and whether anything did."""
         sound = int(np.append(np.isfinite(ys).all(axis=1), False).argmin())
         taus, ys = ends[1 : sound + 1], ys[:sound]
         self.work.guard_calls += sound
         values = guards.values(taus, ys.T)
-        # an open row that turns over needs no new start: what it shows is all that changes
+        # an open row that turns over counts, too: then its label changes
         violated = values.min(axis=0, initial=np.inf) < 0
         changed = violated | motion.has_left(taus, ys.T)
         if guards.in_band.size:
@@ -133,7 +133,7 @@ class _Taken:
         self.states.append(states)
 
     def last_points(self) -> tuple[Array, Array]:
-        """Return the points added last, and the one before: between two a contact may pass through rest."""
+        """Return the points added last, and the one before: between two points a contact may pass through rest."""
         if not self.taus[1:]:
             return self.taus[0], self.states[0]
         return (
@@ -142,7 +142,7 @@ class _Taken:
         )
 
     def path(self, hit: bool) -> Path:
-        """Return the cubic in each step that has the rates at both ends."""
+        """Return the path of cubics that have the states and rates at both ends of each step."""
         motion = self._motion
         taus, states = np.concatenate(self.taus), np.concatenate(self.states)
         fine = np.isfinite(states).all(axis=1)

@@ -2,7 +2,8 @@
 
 Breedveld (2000), figs. 2 and 3: in stick mode one inertia depends on the other. With ``G_H`` the held rows,
 ``M v' + G_H^T lambda = F`` and ``G_H v' + D_H u' = 0``: the balance itself is the residual. Where rows lock the same
-motion, ``Z Z^T lambda`` is added over the directions Z in which forces are not unique: they get the least norm.
+motion, ``Z Z^T lambda`` enters the second equation, with Z the directions in which forces are not unique: so the forces
+have the least norm.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from stickslip.model.arrays import Array, Indices
 
 _DENSE_LIMIT = 100
 
-# How much looser forces are judged than states: they follow from these, and nothing adds up their errors.
+# Tolerance of forces over that of states. Forces follow from the states, so that their errors do not add up.
 #
-# Guards and results do not use them, but what the balance gives in the same state.
+# Guards and results do not use the forces of IDA: they take those that the balance gives in the same state.
 _OF_FORCES = 100.0
 
 
-# Part of its tolerance by which a motion goes over the first step that IDA itself would choose.
+# Over the first step that IDA itself would choose, a motion changes by this part of its tolerance.
 _OWN_STEP = 0.5
 
 
@@ -81,9 +82,10 @@ class Ida:
         return solved(solution, path)
 
     def _first_step(self, motion: Motion) -> float:
-        """Return a length in s for the first step, 0 for IDA's own: over that the motion goes by half its tolerance.
+        """Return a length in s for the first step, 0 for the one that IDA itself would choose.
 
-        From rest that is so long that IDA gives up before its steps are short enough.
+        Over that step the motion changes by half its tolerance. From rest it is so long that IDA gives up before its
+        steps are short enough.
         """
         with np.errstate(all="ignore"):
             pace = np.abs(motion.first.y[1]) / (self._rtol * np.abs(motion.y) + self._atol)
@@ -91,9 +93,9 @@ class Ida:
         return 0.0 if pace.max(initial=0.0) * longest >= _OWN_STEP else longest
 
     def _options(self, motion: Motion, equations: _Residual, horizon: float) -> dict[str, Any]:
-        # IDA tests the error of the forces too: judge them by the largest forces about, of which they are the balance,
-        # and no finer than what would change a velocity within the motion. A contact that is just being closed, or
-        # that nothing pushes, has no force of its own to be judged by
+        # IDA tests the errors of the forces, too. Their tolerance is a part of the largest forces in the balance, and
+        # never finer than a force that would change a velocity by its tolerance within the motion. The force of the
+        # row itself is no scale: it is 0 for a contact that is just being closed, or that nothing pushes.
         of_forces = np.maximum(
             _OF_FORCES * self._rtol * equations.force_scale, self._atol[0] * equations.impulse_scale / horizon
         )
@@ -112,7 +114,7 @@ class Ida:
 
 
 class _Residual:
-    """Residual and Jacobian of a motion, with nothing reduced."""
+    """Residual and Jacobian of a motion in all states and all held forces: none is eliminated."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion, system = motion, motion.system
@@ -130,7 +132,7 @@ class _Residual:
     def _null_space(self, held: Indices) -> Array | None:
         """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm.
 
-        It makes accelerations of forces, as large as these would be.
+        It is scaled so that it turns forces into accelerations as large as such forces would cause.
         """
         if not self._motion.equations.balance.has_loops:
             return None
@@ -147,17 +149,17 @@ class _Residual:
     def _scale_forces(self, force: Array) -> None:
         motion, system = self._motion, self._system
         held, m = motion.equations.held, system.m
-        # what adds up in them: as a row breaks away the forces on its bodies may cancel
+        # the summed sizes of their terms: as a row breaks away the forces on its bodies may cancel
         _, sizes = motion.magnitudes(1)[0]
         largest = sizes[m : m + held.size].max(initial=0.0)
         levels = system.largest_coefficient[held]
         for tau in (0.0, 0.5 * motion.horizon, motion.horizon):
-            # a load that fails there fails later, when the solver comes to it
+            # a load that fails at this time fails again when the solver comes to it
             with contextlib.suppress(ArithmeticError, ValueError):
                 normal = motion.normals(tau, motion.y)[held]
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
-        # a body without inertia moves only with others, so count it as the lightest of those
+        # a body without inertia moves only with others: it counts as the lightest body that has one
         heavy = system.inertia > 0
         lightest = system.inertia.min(initial=math.inf, where=heavy)
         inverse = 1.0 / np.where(heavy, system.inertia, lightest)
@@ -230,7 +232,7 @@ class _Residual:
         return assembled(total, blocks)
 
     def _of_dependence(self, tau: float, y: Array) -> Array:
-        """Return how the forces on the bodies change, by way of the inputs, with the states that these depend on."""
+        """Return the derivatives of the forces on the bodies, by way of the inputs, by the states that these follow."""
         motion, system = self._motion, self._system
         slopes = motion.input_slopes(tau, y)
         found: Array = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)

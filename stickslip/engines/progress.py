@@ -1,4 +1,4 @@
-"""A watch on the steps of a solver: an answer that never comes is none, and Ctrl-C keeps what was computed."""
+"""Watch the steps of a solver: give up where the end is out of reach; after Ctrl-C keep what was computed."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class OutOfReach(ArithmeticError):
 
 
 class Interruption:
-    """Tells whether Ctrl-C has been pressed since the context was entered; engines tell it how far they are.
+    """Records whether Ctrl-C has been pressed since the context was entered.
 
-    An exception that leaves a solver's callback takes all computed points with it: the first press therefore only
-    sets `pressed`, and the second raises KeyboardInterrupt. Where the program handles the signal itself, or in
-    another than the main thread, nothing is changed.
+    An exception that leaves a solver's callback loses all computed points. So the first press only sets `pressed`,
+    and the second raises KeyboardInterrupt. Where the program handles the signal itself, or in another than the main
+    thread, nothing is changed.
 
-    `show` is told the local time in s now and then, for a progress bar.
+    Engines call `show` with the local time in s now and then, for a progress bar.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Interruption:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give it back."""
+        """Restore the former handler of the signal."""
         if self._former is not None:
             signal.signal(signal.SIGINT, self._former)
             self._former = None
@@ -59,8 +59,8 @@ class Interruption:
 class Progress:
     """Counts the evaluations of one motion, remembers the last, and gives up where the end is out of reach.
 
-    `whole` is the length of it in s, `last` the local time of the last evaluation. Once the interruption is
-    pressed, the guards tell the solver that it has ended.
+    `whole` is the length of the motion in s, `last` the local time of the last evaluation. After Ctrl-C the guard
+    function stops the solver; if that does not happen soon, KeyboardInterrupt is raised here.
     """
 
     def __init__(self, whole: float, interruption: Interruption) -> None:
@@ -71,8 +71,8 @@ class Progress:
     def note(self, tau: float) -> None:
         """Count an evaluation at local time `tau`.
 
-        Where the motion would take more than 1e9 evaluations at the pace of the last 50 000, it gives up; and where
-        the time is not a number, because SUNDIALS' own tests let such steps pass, for ever.
+        It is an error if the motion would take more than 1e9 evaluations at the pace of the last 50 000, or if the
+        time is not a number: SUNDIALS' own tests let such steps pass, and the solver would never end.
         """
         if math.isnan(tau):
             raise ArithmeticError("the step has become not a number: forces or tolerances are out of proportion")

@@ -11,13 +11,14 @@ import numpy as np
 from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
-_ROUNDOFF = 2e-15  # part of what adds up in a value that is uncertain
+_ROUNDOFF = 2e-15  # roundoff of a value, as a part of the summed sizes of its terms
 _STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
 
-# So many terms a Taylor series has at least: it ends where they no longer matter. A polynomial may go on for ever.
+# Polynomials with at least so many terms are Taylor series, over steps that their remainder limits. Shorter ones are
+# exact, and may cover any length of time.
 _LONG = 5
 
-# Where a polynomial touches 0 before this part of the interval, that is looked for again, with the roundoff there.
+# Where a polynomial touches 0 before this part of the interval, the search is repeated with the roundoff there.
 _FAR_DOWN = 0.1
 
 
@@ -38,7 +39,7 @@ def _halves(order: int) -> tuple[Array, Array]:
 def may_vanish(coefficients: Array) -> tuple[Indices, Array]:
     """Return the columns of power coefficients (rows by order) that may have a root in (0, 1].
 
-    Their Bernstein coefficients come second, a column each: a polynomial is not below its smallest one.
+    Their Bernstein coefficients come second, a column each: a polynomial is nowhere below the smallest of its own.
     """
     bernstein = _to_bernstein(coefficients.shape[0] - 1) @ coefficients
     close: Indices = (bernstein.min(axis=0) <= 0).nonzero()[0]
@@ -51,9 +52,9 @@ def first_root(
     """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
 
     Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
-    else is halved. A polynomial that only touches 0, to roundoff of its terms and of `floor`, has no root; nor where
-    it dips below by what the roundoff of `floor` adds up to in many steps, and comes back. A `guess` of the root only
-    saves time, and so do the `bernstein` coefficients.
+    else is halved. A polynomial that only touches 0, within the roundoff of its terms and of `floor`, has no root. Nor
+    has one that comes back from a dip below 0 no deeper than the roundoff of `floor` in many steps. A `guess` of the
+    root only saves time, and so do the `bernstein` coefficients.
     """
     c = coefficients.tolist()
     found = _first(c, _in_bernstein(coefficients, bernstein), floor, guess)
@@ -72,14 +73,14 @@ def first_root(
 def first_touch(coefficients: Array, floor: float, bernstein: Array | None = None) -> tuple[float | None, bool]:
     """Return where in (0, 1] a polynomial first becomes negative or touches 0, and whether it only touches.
 
-    It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.
+    It touches 0 where it turns no farther from 0 than the roundoff of its terms and of `floor` in many steps.
     """
     c, part = coefficients.tolist(), _STEPS * _ROUNDOFF
     near = part * max(_size(c, 1.0), floor)
     lowered = [c[0] - near, *c[1:]]
     root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)
     if root is not None and root < _FAR_DOWN and len(c) < _LONG:
-        # there the terms are smaller: less by what adds up at each place
+        # there the terms are smaller: subtract the roundoff of their sizes at each place
         lowered = [a - part * abs(a) for a in c]
         lowered[0] -= part * floor
         root = _below(lowered, _in_bernstein(np.array(lowered), None), floor)
@@ -97,7 +98,7 @@ def _in_bernstein(coefficients: Array, known: Array | None) -> Array:
 
 
 def _size(c: list[float], place: float) -> float:
-    """Return how large the terms of a polynomial are at a place, added up; those of a series at its end."""
+    """Return the summed sizes of the terms of a polynomial at a place; of a Taylor series, at its end."""
     if place == 1.0 or len(c) >= _LONG:
         return sum(map(abs, c))
     size = 0.0
@@ -107,7 +108,7 @@ def _size(c: list[float], place: float) -> float:
 
 
 def _turn(c: list[float], root: float, depth: float) -> float | None:
-    """Return where a polynomial that has a root turns beyond it, None where it goes below `-depth` or on."""
+    """Return where a polynomial turns beyond its root, None where it goes below `-depth` or does not turn."""
     value = slope = half = 0.0
     for a in c[::-1]:
         half = half * root + slope
@@ -118,7 +119,7 @@ def _turn(c: list[float], root: float, depth: float) -> float | None:
 
 
 def _back(c: list[float], root: float, touch: float) -> float | None:
-    """Return where a polynomial that has a root is positive again, None where it goes below `-touch` or stays."""
+    """Return where a polynomial is positive again beyond its root, None where it goes below `-touch` or stays so."""
     turn = _turn(c, root, touch)
     if turn is None:
         return None
@@ -127,25 +128,25 @@ def _back(c: list[float], root: float, touch: float) -> float | None:
 
 
 def _from(coefficients: Array, first: float) -> Array:
-    """Return the polynomial on what is left of the interval from `first` on."""
+    """Return the polynomial on the rest of the interval from `first` on, mapped to [0, 1]."""
     shifted = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([first, 1 - first])).coef
     return np.pad(shifted, (0, coefficients.size - shifted.size))
 
 
 def _below(c: list[float], bernstein: Array, floor: float) -> float | None:
-    """Return where a polynomial is first negative, 0 where it is so at once or not positive."""
+    """Return where a polynomial is first negative, 0 where it is not positive at the start."""
     return 0.0 if c[0] <= 0 else _first(c, bernstein, floor, None)
 
 
 def _first(c: list[float], bernstein: Array, floor: float, guess: float | None) -> float | None:
-    # each half is a map of what it is a half of: most of those behind the first root are never asked for
+    # a half is kept as a map and the coefficients of the whole: most halves behind the first root are never needed
     stack: list[tuple[Array | None, Array, float, float, int]] = [(None, bernstein, 0.0, 1.0, 0)]
     while stack:
         half, of, low, high, depth = stack.pop()
         b = of if half is None else half @ of
         values = b.tolist()
         least = min(values)
-        # terms far down in the interval have the roundoff of what they are there
+        # near the start of the interval the terms of a short polynomial are smaller, and so is their roundoff
         if least >= 0 or least >= -(noise := _ROUNDOFF * max(_size(c, high), floor)):
             continue
         if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
@@ -195,9 +196,9 @@ def _bracketed(c: list[float], low: float, high: float, guess: float) -> float:
 
 
 def earliest(coefficients: Array) -> Array:
-    """Return from where in [0, 1] on polynomials (power coefficients, a line each) may be 0, inf where nowhere.
+    """Return the first place in [0, 1] where each polynomial (power coefficients, a line each) may be 0, inf for none.
 
-    The graph of a polynomial lies in the convex hull of its Bernstein points: it is not 0 before that is.
+    The graph of a polynomial lies in the convex hull of its Bernstein points: it is not 0 before the hull reaches 0.
     """
     found = np.full(coefficients.shape[0], np.inf)
     others = np.abs(coefficients[:, 1:]).sum(axis=1)
@@ -215,7 +216,7 @@ def earliest(coefficients: Array) -> Array:
     part = b[:, :, None] / np.where(crosses, b[:, :, None] - b[:, None, :], 1.0)
     crossing = place[:, None] + (place - place[:, None]) * part
     first = np.where(crosses, crossing, np.inf).min(axis=(1, 2))
-    # before the crossing by a few roundoffs; where all are negative at once
+    # earlier than the crossing by a few roundoffs; 0 where a polynomial is not positive at the start
     first = np.where(b[:, 0] <= 0, 0.0, first * (1 - 1e-12))
     found[close[some]] = np.maximum(first, 0.0)
     return found

@@ -23,14 +23,14 @@ from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER
 from stickslip.model.arrays import Array, Indices
 
-_REMAINDER = 1e-17  # what is left out of a step, as a part of its largest term
-_LAST = ORDER - 1  # the first of the two orders that tell what is left out
+_REMAINDER = 1e-17  # remainder of a series over its step, as a part of its largest term
+_LAST = ORDER - 1  # the first of the two orders from which the remainder is estimated
 
-# Steps after which what was followed is handed over, and how many of them a motion may need at that pace.
+# Steps after which a path is handed over, and how many a whole motion may need at the pace of these.
 _AT_ONCE, _AT_MOST = 50_000, 1e9
 
-_NOTHING = 1e-267  # what is left out, and too small to count
-_LEADING = 4  # terms of which one is mostly the largest beside what is left out
+_NOTHING = 1e-267  # a remainder below this counts as 0
+_LEADING = 4  # order up to which terms mostly decide the step; if all are 0, later ones are looked at, too
 _WORTH = 0.3
 _GROWTH = 4.0  # how much longer than the last step the next may be
 _TINY = np.finfo(float).tiny
@@ -74,7 +74,7 @@ class Series:
             hit = step.root is not None and touched is None
             c, h = step.up_to_root()
             tau = horizon if h == step.h and h >= horizon - tau else tau + h
-            # row by row: what is equal stays equal to the bit
+            # summed row by row: states that are equal stay equal to the last bit
             before, y = y, motion.exact(tau, c.sum(axis=0))
             if not np.abs(y).max(initial=0.0) < BEYOND:
                 raise grows(Path(np.array(ends), _padded(pieces, y.size), before, False))
@@ -82,11 +82,11 @@ class Series:
             if len(c) == ORDER + 1 and motion.segment.is_straight and not np.count_nonzero(c[-1]):
                 # a motion that is a short polynomial is kept as one
                 c = c[: max(np.flatnonzero(c.any(axis=1)).tolist(), default=0) + 1]
-            # what guards have beside them need not be kept
+            # a copy, so that the watched quantities and guards beside the states are not kept
             pieces.append(np.ascontiguousarray(c))
             ends.append(tau)
             if motion.has_left(tau, y) or len(pieces) == _AT_ONCE:
-                # nobody need keep a long motion whole: it goes on from here
+                # so that a long motion need not be kept whole: the next path goes on from here
                 break
         guard = step.guard if hit else None
         path = Path(np.array(ends), _padded(pieces, y.size), y, hit, touched=touched, guard=guard)
@@ -99,9 +99,9 @@ class Series:
         return path
 
     def _next(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, is_begun: bool) -> _Step:
-        """Return the step from local time `tau` on, past levels that rise and sines where that can be."""
+        """Return the step from local time `tau` on; where possible, bound rising levels and sines, not follow them."""
         bends = motion.is_rising(tau) or motion.segment.has_sines
-        # where springs and dampers act, a first step tells whether the motion is a long one
+        # where springs and dampers act, bounds are tried after a first step only: they are worth it in long motions
         if bends and (is_begun or motion.is_polynomial) and motion.may_be_bounded:
             step = self._past_bounds(motion, guards, tau, y, longest)
             if step is not None:
@@ -109,18 +109,18 @@ class Series:
         return self._step(motion, guards, tau, y, longest, False)
 
     def _past_bounds(self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float) -> _Step | None:
-        """Return a step on which no guard comes to 0, whatever levels rise and sines push meanwhile.
+        """Return a step on which no guard comes to 0, however levels rise and sines push meanwhile.
 
-        A level that rises with its dwell is not below what it would be without rising any more, and a sine lowers no
-        guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step
-        would be short beside dwells and periods.
+        A level that rises with its dwell is never below the level frozen at `tau`, and a sine lowers no guard by more
+        than its amplitude does. Where these bounds exclude a root, neither need be followed. None where the step
+        would be short beside dwell times and periods.
         """
         if tau == 0 and motion.segment.has_sines and not guards.is_plain:
-            # a guard that leaves 0 is told from it by what the sine does
+            # whether a guard leaves 0 at the start depends on the sine
             return None
         step = self._step(motion, guards, tau, y, longest, True)
         if step.root is None or guards.is_followed_frozen(step.guard):
-            # what rises or oscillates does not change this guard
+            # rising levels and sines do not change this guard: its root is the true one
             return step
         if step.touched is not None:
             return None
@@ -147,7 +147,7 @@ class Series:
         if not polynomial:
             h = scale * self._step_limit(expansion.y, g, guards)
             if h < longest:
-                # it begins and ends at times that are numbers: what many steps round adds up
+                # make h the exact difference of two times: the roundoff of many steps would add up
                 h = (tau + h) - tau
             if h < scale or scale < longest:
                 # a step that ends with the motion says nothing about longer ones
@@ -165,9 +165,9 @@ class Series:
 
     @staticmethod
     def _step_limit(y: Array, g: Array, guards: Guards) -> float:
-        """Return the step, in units of that of the coefficients, whose remainder is below roundoff.
+        """Return the step whose remainder is below roundoff, as a part of the step of the coefficients, at most 1.
 
-        The last two terms are compared with the largest one over the step; at most the step of the coefficients.
+        The last two terms are compared with the largest one over the step.
         """
         rows = guards.rows
         terms = np.abs(np.concatenate([y, g], axis=1))
@@ -191,9 +191,9 @@ class Series:
             if kind == "force":
                 largest = max(largest, 1.0)
             elif kind == "velocity":
-                # a drive may turn while no state does
+                # measured by its own size, too: a drive may move while no body does
                 largest = max(largest, sizes[0][0])
-            # s^LAST times the last terms is the remainder of s^k times the term k
+            # s^_LAST times the last terms is to be _REMAINDER times s^k times term k
             found = 0.0
             for k, term in enumerate([largest, *size[1:_LAST]]):
                 found = max(found, (term / left * _REMAINDER) ** (1.0 / (_LAST - k)))
@@ -203,10 +203,10 @@ class Series:
         return limit
 
     def _roundoff_scale(self, motion: Motion, guards: Guards, i: int, first: float | None) -> float:
-        """Return what a guard has the roundoff of: the largest speeds so far, or forces at the start.
+        """Return the size of which a guard's roundoff is a part: the largest speeds so far, or forces at the start.
 
-        In the `first` step, of that length, a border that is left is measured from where it is at the start: it has the
-        roundoff of velocities.
+        In the first step, of length `first`, a border that leaves 0 is measured from its value at the start. So it has
+        the roundoff of a velocity times that length.
         """
         if first is not None and guards.is_border[i] and guards.order[i] == 1:
             return float(guards.majorant[1, i]) * first
@@ -225,7 +225,7 @@ class Series:
         may_stick = guards.stick_at_touch
         columns = list(zip(close.tolist(), bernstein.T, strict=True))
         if len(columns) > 1:
-            # the one first that seems to come first: of others only what comes before is of interest
+            # begin with the guard whose root seems to come first: of others only earlier roots matter
             columns.sort(key=lambda one: float(one[1][0] - one[1][-1]) / (float(one[1][0]) or 1.0), reverse=True)
         for i, b in columns:
             c, own = g[:, i], b
@@ -241,7 +241,7 @@ class Series:
 
 
 def _measures(terms: Array, scale: Array) -> Array:
-    """Return in what terms are measured: their scales, or their largest ones where these are 0."""
+    """Return the units in which terms are measured: their scales, or the largest terms where a scale is 0."""
     return np.where(scale > 0, scale, np.maximum(terms.max(axis=0), _TINY))
 
 
@@ -272,7 +272,7 @@ def _divided(g: Array, order: Indices) -> Array:
 def why_no_series(system: System, loads: Loads) -> str | None:
     """Return what in a scene has no Taylor series, None if all has one."""
     named: dict[str, list[str]] = {}
-    # laws that never stick before curves of those that do
+    # name laws that never stick before kinetic curves of laws that do
     rows = system.alive.nonzero()[0]
     for j in rows[np.argsort(system.hard[rows], kind="stable")].tolist():
         named.setdefault(system.laws.characters[j].velocity_dependent, []).append(system.rows[j].name)
@@ -281,7 +281,7 @@ def why_no_series(system: System, loads: Loads) -> str | None:
             listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
             return f"the force of {listed} depends on velocity ({what})"
     if system.dependence is not None and not system.dependence.is_linear:
-        # tables have one in each region
+        # tables have a Taylor series in each region
         label = next(node.label for node in system.dependence.nodes if node.table is None).rstrip(":")
         return f"{label} depends on the state, of which no Taylor series is known"
     if loads.has_functions:

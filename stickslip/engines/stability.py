@@ -1,4 +1,4 @@
-"""Which steps an explicit method of fixed steps bears: no state that decays may be made to grow.
+"""Which lengths of steps are stable for an explicit method of fixed steps: no decaying state may be made to grow.
 
 A method turns ``y' = lambda y`` into ``y -> R(h lambda) y``; with ``Re lambda <= 0`` it is stable while ``|R| <= 1``.
 """
@@ -37,9 +37,9 @@ class Unstable(Exception):
 class Stability:
     """Judges the steps of a method by the eigenvalues of the Jacobian.
 
-    RK4 bears ``h |lambda| < 2.785`` for real and 2.828 for imaginary eigenvalues, Euler's method 2 for real ones.
-    With Euler's method every undamped oscillation grows, by ``exp(h omega^2 t / 2)``: that is let pass up to
-    ``h omega = 1``, some six steps a period.
+    RK4 is stable up to ``h |lambda| = 2.785`` for real and 2.828 for imaginary eigenvalues, Euler's method up to 2
+    for real ones. With Euler's method every undamped oscillation grows, by ``exp(h omega^2 t / 2)``. This growth is
+    accepted up to ``h omega = 1``, which is some six steps a period.
 
     `growth` are the coefficients of ``R(z)``, the highest power first.
     """
@@ -49,13 +49,13 @@ class Stability:
         self._longest: WeakKeyDictionary[ModeEquations, float] = WeakKeyDictionary()
 
     def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:
-        """Look at computed points (rows) of a motion.
+        """Check the step at computed points (rows) of a motion.
 
-        If the step is too long for the last of them, for a contact with a smooth law that passes through rest between
-        them, where its slope is steepest, or for bristles where they relax fastest, that is `Unstable`.
+        Raise `Unstable` if it is too long at the last point, at the rest of a contact with a smooth law that passes
+        through rest between points (there its slope is steepest), or where bristles relax fastest.
         """
         if not motion.has_law and motion.dependence is None:
-            # a mode set without such laws has one Jacobian: what it was found to bear holds
+            # without such laws a mode set has one Jacobian: a step found stable once stays stable
             if h > self._longest.get(motion.equations, 0.0):
                 self._judge(motion.equations.jacobian(), h)
                 self._longest[motion.equations] = h
@@ -71,11 +71,11 @@ class Stability:
         if law is None or not law.bristles.size:
             return set()
         w, normal, _, _ = motion.law_arguments(taus, states.T)
-        # the last point is looked at anyway
+        # the last point is checked anyway
         return set(law.relaxation(w, normal).argmax(axis=1).tolist()) - {taus.size - 1}
 
     def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
-        """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""
+        """Return the points at which contacts with smooth laws are nearest to rest, and the states moved to rest."""
         free, laws = motion.equations.free, motion.system.laws
         smooth = free[np.isfinite(laws.resolution[free])]
         if not smooth.size:
@@ -93,7 +93,7 @@ class Stability:
 
     def _judge(self, jacobian: Any, h: float) -> None:
         """Raise `Unstable` if a step is too long for a Jacobian."""
-        # no eigenvalue is larger than this norm; up to 1 every method is stable
+        # no eigenvalue is larger than this norm; up to ``h |lambda| = 1`` every step is accepted
         if h * float(abs(jacobian).sum(axis=1).max()) <= 1.0:
             return
         values = _eigenvalues(jacobian)
@@ -118,11 +118,11 @@ class Stability:
 
 
 def _eigenvalues(jacobian: Any) -> Complex:
-    """Return the eigenvalues, of a large matrix those largest in magnitude."""
+    """Return the eigenvalues; of a large matrix only those largest in magnitude."""
     size = jacobian.shape[0]
     if size <= _DENSE:
         return np.asarray(np.linalg.eigvals(dense(jacobian)), dtype=np.complex128)
-    start = np.cos(np.arange(size))  # a start of its own would not be the same in the next run
+    start = np.cos(np.arange(size))  # ARPACK's own start vector would differ from run to run
     try:
         return np.asarray(
             scipy.sparse.linalg.eigs(scipy.sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False)

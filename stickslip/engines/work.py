@@ -1,4 +1,4 @@
-"""What engines count and hand back, and why they fail."""
+"""Counts of an engine's work, and its failures."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array
 
-# The remedy where what the solver calls fails.
+# The remedy where a load or a law that the solver calls fails.
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 
-# The status where the error test or the iteration has failed too often; and how many steps before it are progress.
+# SUNDIALS' statuses if the error test or the iteration failed too often; and how many points before that are progress.
 _STUCK, _SOME_STEPS = (-3, -4), 10
 
-BEYOND = 1e100  # what no velocity or position comes to unless something feeds it for ever
+BEYOND = 1e100  # no velocity or position becomes as large as this unless something feeds it for ever
 
 
 @dataclass
 class Work:
-    """Counts of what was done."""
+    """Counts of an engine's work."""
 
     steps: int = 0
     rate_calls: int = 0
@@ -34,10 +34,10 @@ class Work:
 
 
 class SolverFailure(Exception):
-    """The solver gave up, or what it called did.
+    """The solver gave up, or a load or law that it called failed.
 
-    `sentence` says what went wrong, in SUNDIALS' words where it was SUNDIALS, and `remedy` what to try; `path` is what
-    was computed before.
+    `sentence` says what went wrong, in SUNDIALS' words if SUNDIALS failed, and `remedy` what to try; `path` is the path
+    computed before.
     """
 
     def __init__(self, sentence: str, remedy: str, path: Path) -> None:
@@ -48,7 +48,7 @@ class SolverFailure(Exception):
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C was pressed while a solver was at work.
 
-    `path` is what was computed before.
+    `path` is the path computed before.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,15 +62,15 @@ def grows(path: Path) -> SolverFailure:
 
 
 def within_bounds(points: Array) -> int:
-    """Return how many of the states, a line each, come before the first that is beyond all bounds."""
+    """Return how many of the states (rows) come before the first that is beyond `BEYOND`."""
     within = (np.abs(points) < BEYOND).all(axis=1)
     return int(np.append(within, False).argmin())
 
 
 def sound(smallest: float, tau: float) -> float:
-    """Return the smallest guard as a solver is to see it: 1 where nothing is watched.
+    """Return the smallest guard as a solver is to see it: 1 where there are no guards.
 
-    It is refused where it is not a number: root finding would see no event, for ever.
+    A guard that is not a number is an error: root finding would never see an event any more.
     """
     if math.isnan(smallest):
         raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
@@ -80,8 +80,8 @@ def sound(smallest: float, tau: float) -> float:
 def solved(solution: Any, path: Path) -> Path:
     """Return the path of a solution of SUNDIALS, or raise its failure with SUNDIALS' own sentence.
 
-    Where its long memory could not pass a kink or roundoff, the path ends: the motion goes on with a new solver. That
-    counts its own time from 0, and so tells shorter steps apart.
+    Where a solver could not pass a kink or roundoff after some steps, its path is returned: the motion goes on with a
+    new solver. This one has no memory of earlier points. It counts time from 0, so that it can take shorter steps.
     """
     if solution.status >= 0 or (solution.status in _STUCK and path.taus.size > _SOME_STEPS):
         return path

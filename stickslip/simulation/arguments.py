@@ -27,10 +27,10 @@ Times = Sequence[float] | NDArray[Any]
 # Part of the largest speed by which velocities at the start may break a tie; they are projected.
 _BROKEN = 1e-9
 
-# Distance in m or rad that is none: positions near a limit of 0 may have the roundoff of larger ones.
+# Distance in m or rad that counts as 0: positions near a limit of 0 may have the roundoff of larger ones.
 _NO_DISTANCE = 1e-15
 
-_MOST_STEPS = 1e10  # so many steps take a day; whoever wants fewer may press Ctrl-C
+_MOST_STEPS = 1e10  # so many steps take a day; Ctrl-C ends a run with fewer
 
 
 def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
@@ -100,7 +100,7 @@ def step_length(method: str, step: float | None, whole: float) -> float | None:
 
 
 def check_laws(scene: Scene, start: float, stop: float) -> None:
-    """Refuse contacts in which their laws do not work."""
+    """Refuse contacts in which their law does not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
         ends = contact.a, contact.b
@@ -130,7 +130,7 @@ def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:
     w = system.relative_velocity(v, q)
     # of bodies, drives and the ground
     velocities = [*v.tolist(), *system.drive_velocities(q).tolist(), 0.0]
-    # what a drive that starts from 0 has there may be roundoff of its later speeds
+    # the start velocity of a drive that starts from 0 may be roundoff of its later speeds
     led = (largest_value(drive.velocity, start, stop) for drive in scene.drives)
     largest = max([*np.abs(v).tolist(), *led])
     for j, element in enumerate(scene.rows):

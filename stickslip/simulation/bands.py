@@ -1,4 +1,4 @@
-"""Karnopp's dead bands along a run: what has left rest is stuck again only after it has left its band, too."""
+"""Karnopp's dead bands along a run: a contact that has left rest sticks again only after it has left its band, too."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from stickslip.simulation.signs import DEGREE
 def until_out_of_bands(motion: Motion, guards: Guards, path: Path) -> Path:
     """Return the path up to where the first row is seen out of the dead band in which it starts.
 
-    When exactly it has left does not matter: from there on the edge of the band is a guard. Fixed steps end there by
-    themselves, as they end at other changes.
+    The exact time does not matter: from then on the edge of the band is a guard. Fixed steps end there by themselves,
+    as at other changes.
     """
     if not guards.in_band.size or path.taus.size < 2 or motion.segment.is_stepped:
         return path

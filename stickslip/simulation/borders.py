@@ -1,8 +1,8 @@
 """The regions of tables along a run: each motion follows one line of each table, up to the first border.
 
 The borders of gaps and stops are guards of the engines (`equations/piecewise.py`). Those of tables are not: a table may
-be looked up at what a function returns, and feeds normal forces, blocks and other tables. So its borders are found on
-the path.
+be looked up at the value of a function, and feeds normal forces, blocks and other tables. So the borders of tables are
+found on the path.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array
 from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
-TOGETHER = 1e-14  # part of a time within which nothing can be told apart
-_NEAR = 0.999  # part of a motion's time from which on its end tells rates
-_MORE = 3  # by how much more than the state's the order of a quantity is taken that is a function of it
+TOGETHER = 1e-14  # part of a time within which two times count as one
+_NEAR = 0.999  # part of a motion's time from which to its end a difference gives rates
+_MORE = 3  # by how much the order of the polynomial of a quantity is larger than that of the state
 
 
 class Borders:
-    """Keeps a run in the regions of its tables; the loads tell motions which these are."""
+    """Finds the regions of the tables along a run, and notes them in the loads, where motions read them."""
 
     def __init__(self, system: System, loads: Loads, scale: Array) -> None:
-        """Take the states of a scene to be of a `scale`: what is at rest all the while tells none."""
+        """Take states to have at least the sizes `scale`: a state that is always at rest shows no size."""
         assert system.dependence is not None
         self._system, self._loads, self._dependence = system, loads, system.dependence
-        # the largest values so far: what comes to a border has their roundoff
+        # for each table the largest size so far of what it is looked up at: later values have its roundoff
         self._sizes = system.dependence.sizes_looked_up(scale, loads.size)
 
     def place(self, now: Situation) -> None:
@@ -50,11 +50,11 @@ class Borders:
             inside = low - rough <= x <= high + rough
             found.append(region if inside else self._dependence.region(k, x))
         self._loads.table_regions = tuple(found)
-        # what a motion takes for left is beyond its border for certain
+        # so motions count a region as left only where that is certain
         self._loads.beside = 2 * TINY * self._sizes
 
     def cut(self, motion: Motion, path: Path) -> Path:
-        """Return a path up to the first border; the regions are those beyond it."""
+        """Return a path up to the first border, and note the regions beyond it."""
         regions = self._loads.table_regions
         if path.taus.size < 2 or regions is None:
             return path
@@ -63,7 +63,7 @@ class Borders:
         if self._stays_within(motion, path, regions):
             return path
         curved = not self._dependence.read_for_tables.isdisjoint(motion.segment.bent.tolist())
-        # where no load bends what is looked up, this is nearly a polynomial as the state is
+        # where no load bends the values at which tables are looked up, they are nearly polynomials, as the state is
         nodes = chebyshev_nodes(DEGREE if curved else min(DEGREE, path.coefficients.shape[1] + _MORE))
         taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
         values = self._values(motion, path, taus.ravel()).reshape(len(regions), *taus.shape)
@@ -77,7 +77,8 @@ class Borders:
         first = min((tau for tau, *_ in exits), default=math.inf)
         if first > path.taus[-1]:
             return path
-        # tables that are left together change together: between them no motion is one of the scene
+        # Tables that leave regions at the same time change together: with only some of them changed, a motion would be
+        # none of the scene.
         following = list(regions)
         for tau, k, side in exits:
             if tau <= first + TOGETHER * (abs(motion.t) + first):
@@ -90,7 +91,7 @@ class Borders:
     def _leave_with_event(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> None:
         """Let tables that come to a border in the instant of an event leave their regions with it.
 
-        Whether a force that is at its level then goes beyond it is told by what follows.
+        The lines beyond the borders decide whether a force that is at its level then goes beyond it.
         """
         last, end = path.taus[-2:].tolist()
         near, instant = max(last, _NEAR * end), TOGETHER * (abs(motion.t) + end)
@@ -105,7 +106,7 @@ class Borders:
         self._loads.table_regions = tuple(following)
 
     def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
-        """Tell whether a bound shows that no table is left: what is looked up strays by its coefficients at most."""
+        """Tell whether bounds show that no table leaves its region: values stray by at most their coefficients."""
         dependence, segment = self._dependence, motion.segment
         if dependence.for_tables or not segment.is_straight:
             return False
@@ -124,9 +125,9 @@ class Borders:
         return True
 
     def _exit(self, motion: Motion, path: Path, k: int, side: int, border: float, depths: Array) -> float:
-        """Return the first local time at which a table is left over one border, inf if it is not."""
+        """Return the first local time at which a table leaves its region by one border, inf if it does not."""
         size = float(np.abs(depths).max()) + abs(border)
-        # what has just come to a border has the roundoff of what it was before
+        # a value that has just come to a border has the roundoff of the largest value before
         rough, noise = max(ROUGH * size, TINY * float(self._sizes[k])), TINY * size
 
         def depth(tau: float) -> float:

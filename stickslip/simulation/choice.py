@@ -19,7 +19,7 @@ _STIFF, _LONG = 200.0, 5e3
 def choose(system: System, loads: Loads, formulation: str, method: str, duration: float) -> tuple[str, str]:
     """Return the engine, a key of `METHODS`, and the reason for it.
 
-    Formulation and method are as `simulate` takes them; a run of short `duration` in s is no stiff one. A ValueError
+    Formulation and method are as `simulate` takes them; no run of short `duration` in s is stiff. A ValueError
     says that they do not go together, or that the method cannot follow the scene.
     """
     if formulation == "multiplier" and method in ("auto", "BDF"):
@@ -42,7 +42,7 @@ def choose(system: System, loads: Loads, formulation: str, method: str, duration
 
 
 def why_stiff(system: System, duration: float) -> str | None:
-    """Return that a scene is stiff, from the dampers, springs, tables and normal forces at each body."""
+    """Return why a scene is stiff, from dampers, springs, tables and normal forces at each body; None if it is not."""
     heavy = (system.inertia > 0).nonzero()[0]
     widest = system.piecewise.widest(system.C)
     if system.dependence is not None:
@@ -60,7 +60,7 @@ def why_stiff(system: System, duration: float) -> str | None:
     if system.size > system.first_block:
         fastest = max(fastest, -float(system.block_C.diagonal(system.first_block).min(initial=0.0)))
     if fastest * duration > _LONG and turn < fastest <= _STIFF * turn:
-        # springs do not let a body oscillate whose velocity decays before it has turned
+        # a body whose velocity decays faster than its springs turn it does not oscillate
         fastest, turn = _decay_and_turn(system) or (fastest, turn)
     if fastest * duration > _LONG and fastest > _STIFF * turn:
         by = "dampers" if system.dependence is None else "dampers and feedback"
@@ -69,10 +69,10 @@ def why_stiff(system: System, duration: float) -> str | None:
 
 
 def _decay_and_turn(system: System) -> tuple[float, float] | None:
-    """Return the fastest decay and the fastest oscillation in 1/s while nothing sticks, of all that is joined for ever.
+    """Return the fastest decay and the fastest oscillation in 1/s while no contact sticks, but ties hold.
 
-    What decays before it has turned by one radian is no oscillation. None where the scene is large, or where tables,
-    normal forces or gaps change what joins its bodies.
+    A motion that decays before it has turned by one radian is no oscillation. None where the scene is large, or where
+    tables, normal forces or gaps change how its bodies are joined.
     """
     if system.sparse or system.dependence is not None or system.is_gap.any():
         return None

@@ -75,7 +75,7 @@ class Joined(Presented):
 
     @cached_property
     def scene(self) -> Scene:
-        """All that any run has, for tables and drawings; of a name that several have, what the last of them has."""
+        """The elements of all runs, for tables and drawings; of several with one name, that of the last run."""
         return Scene.of_all([result.scene for result in self.results])
 
     def _read(self, read: Callable[[Samples, str], NDArray[Any]], name: str) -> NDArray[Any]:
@@ -136,7 +136,7 @@ class Joined(Presented):
 
 
 def _between(before: Result, after: Result) -> list[Event]:
-    """Return the changes where one run ends and the next begins that neither has noted: an event may come just then."""
+    """Return the changes from the end of one run to the start of the next that neither run has noted."""
     if not (before.trajectory.pieces and after.trajectory.pieces):
         return []
     last = before.trajectory.starts.size - 1

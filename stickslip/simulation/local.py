@@ -1,8 +1,8 @@
-"""The main loop where events are many and reach little: what an event changes, and nothing else, is followed anew.
+"""The main loop of scenes with many events that reach few bodies: only what an event changes is followed anew.
 
 `Run` settles the whole scene at every event. Here the scene is settled as a whole at the start, at breaks of the loads
-and where several rows are at their limits at once; every other event is settled among the rows that held rows join to
-it, and only the bodies that it reaches are expanded anew.
+and where several rows are at their limits at once. Every other event is settled within the groups at both ends of its
+row, and only the bodies that it reaches are expanded anew.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from stickslip.simulation.watching import Failed, Watch
 # Events that come this near to each other, in units of time of the series, are settled together.
 _TIE = 1e-11
 
-_MOST_AT_ONCE = 4  # borders that a gap may pass in one instant before the whole scene is asked
+_MOST_AT_ONCE = 4  # borders that gaps may pass in one instant before the whole scene is settled
 _NONE = np.empty(0, dtype=np.intp)
 
-_FLUSH = 50  # entries for each state after which a run that keeps only outputs hands over what it has
+_FLUSH = 50  # series for each body and row after which a run that keeps only outputs hands over what it has
 
 
 class Ending(NamedTuple):
-    """Where the whole scene is to be settled, and how the motion from there on is to be followed."""
+    """The instant at which the whole scene is to be settled, and how the motion from there on is to be followed."""
 
     situation: Situation
     is_whole: bool  # whether it is not to be followed part by part
@@ -53,9 +53,9 @@ class Ending(NamedTuple):
 class Local:
     """Follows the motion of a scene part by part.
 
-    Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. The timeline is
-    told of every event, and the user's events are looked for between these. What moves without friction may relax to
-    rest within the `margin`: there the whole scene is asked.
+    Where the recorder keeps only outputs, series are handed over to it from time to time and then forgotten. The
+    timeline notes every event, and the user's events are looked for between these. A row that moves without friction
+    may relax to rest within the `margin`: there the whole scene is followed.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Local:
 
     @property
     def modes(self) -> Modes:
-        """The modes of all rows, 0 for those that carry their level, too."""
+        """The modes of all rows; also 0 for those that carry their level."""
         return self._parts.mode
 
     def arrived(self, t: float, some: Mask) -> Mask:
@@ -94,7 +94,10 @@ class Local:
         return found
 
     def takes(self, now: Settled) -> bool:
-        """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
+        """Tell whether a motion can be followed part by part.
+
+        No guard may be 0 at its start but for borders, and velocities that leave 0 with a slope.
+        """
         guards, motion = now.guards, now.motion
         order, equations = guards.order, motion.equations
         plain = (order == 0) | ((order == 1) & guards.is_velocity) | guards.is_border
@@ -104,9 +107,9 @@ class Local:
         return bool(self._forest.takes(motion.segment) and plain.all() and motion.horizon > 0)
 
     def follow(self, now: Settled) -> Ending | None:
-        """Follow a motion and all its events to where the whole scene is to be settled.
+        """Follow a motion and all its events up to the instant at which the whole scene is to be settled.
 
-        Returns None where it is to be followed as a whole from its start on.
+        Returns None if it is to be followed as a whole from its start on.
         """
         motion, guards = now.motion, now.guards
         self._now = now
@@ -158,12 +161,12 @@ class Local:
             if self._stops_until(t):
                 return self._ending(self._seen, _NONE, False)
             if parts.stop - t <= TOGETHER * abs(parts.stop):
-                # the break itself: what was added up to it has been rounded
+                # the exact time of the break: the sum that led to it has been rounded
                 return self._ending(parts.stop, near, self._any_gap(near))
             if self._any_slick and self._next_roots.near_rest[near].any():
                 return self._ending(t, _NONE, True)
             if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
-                # what a gap at a border does is not to be asked here again at once
+                # a gap at a border goes on with the whole scene: here it would come up again at once
                 return self._ending(t, near, self._any_gap(near))
             if self._bad.size:
                 return self._ending(t, _NONE, True)
@@ -178,7 +181,7 @@ class Local:
         try:
             found = watch.crossings_of_parts(self._now.motion, self._parts, begin, t)
         except Failed as failed:
-            # what was computed before is kept
+            # keep what was computed before
             self._timeline.t = begin + failed.tau
             self._recorder.keep_patchwork(self._patches.until(self._timeline.t), self._most_held)
             raise ValueError(str(failed)) from failed.__cause__
@@ -191,7 +194,7 @@ class Local:
         return False
 
     def _renew(self, t: float) -> None:
-        """Expand all anew whose series end at `t`."""
+        """Expand all bodies anew whose series end at `t`."""
         parts, forest = self._parts, self._forest
         parts.ended = t
         live = parts.is_bent
@@ -254,7 +257,7 @@ class Local:
         return True
 
     def _turn_over(self, j: int, t: float) -> bool:
-        """Let an open row go on as its velocity passes 0; nothing else feels that."""
+        """Let an open row go on as its velocity passes 0; nothing else changes."""
         was = int(self._parts.label[j])
         if not self._next_roots.turn_over(j, t):
             return False
@@ -266,7 +269,7 @@ class Local:
         return True
 
     def _cross(self, rows: Indices, t: float) -> bool:
-        """Let gaps that come to borders go on beyond these; False where the whole scene is to be settled."""
+        """Let gaps that come to borders go on beyond them; False where the whole scene is to be settled."""
         parts, roots = self._parts, self._next_roots
         if not ((parts.mode[rows] == APART).all() and all(roots.crosses(j, t) for j in rows.tolist())):
             return False
@@ -276,7 +279,7 @@ class Local:
         return True
 
     def _go_beyond(self, rows: Indices, t: float) -> None:
-        """Let gaps go on beyond borders, and beyond others that they come to at once."""
+        """Let gaps go on beyond borders, and beyond further borders that gaps come to in the same instant."""
         parts, gaps = self._parts, self._forest.gaps
         before, opened = parts.label[gaps], list[int]()
         for _ in range(_MOST_AT_ONCE):
@@ -300,7 +303,7 @@ class Local:
     def _tree(self, j: int, groups: list[int], patch: Patch, before: int) -> tuple[Tree, Indices]:
         """Return the groups at both ends of a row as one tree, and where its bodies stand in the patch."""
         parts, forest, t = self._parts, self._forest, patch.t
-        # what is reached begins with the groups themselves
+        # the bodies of a patch begin with those of the groups themselves
         where = np.arange(sum(parts.groups.bodies(g).size for g in groups))
         if len(groups) > 1:
             where = np.argsort(forest.first[patch.bodies[where]])
@@ -335,7 +338,7 @@ class Local:
         where: Indices,
         before: int,
     ) -> None:
-        """Put new modes in force, and expand what they reach."""
+        """Enter new modes, and expand the bodies that they reach."""
         parts, forest = self._parts, self._forest
         rows, mode = tree.rows, outcome.mode
         v = patch.v
@@ -453,7 +456,7 @@ class Local:
             int(parts.elastic.borders(parts.elastic.number[[j]])[0][self._next_roots.direction[j]])
             for j in fired_rows[(parts.mode[fired_rows] == APART) & system.is_stop[fired_rows]].tolist()
         ]
-        # borders of gaps are told by the state
+        # the state itself shows which gaps are at borders
         fired_rows = fired_rows[parts.mode[fired_rows] != APART]
         fired[fired_rows] = True
         touching[fired_rows] = parts.mode[fired_rows] != 0

@@ -24,7 +24,7 @@ class Recorder:
     """Collects the pieces of a motion and its events.
 
     `outputs` are the times in s at which outputs are wanted, None for times fit for a plot; if not `dense`, nothing
-    else is kept. `fewest_states` counts the velocities, positions and bristles that did not depend on others.
+    else is kept. `fewest_states` is the smallest number of states that did not depend on others.
     """
 
     def __init__(self, system: System, span: Span, outputs: Array | None, dense: bool) -> None:
@@ -66,7 +66,7 @@ class Recorder:
         self._pieces += [Piece.of(patchwork, k, None) for k in numbers.tolist()]
 
     def _outputs_until(self, stop: float) -> Array:
-        """Return the outputs since the last ones that have to be computed now: none where paths are kept."""
+        """Return the output times since the last call that have to be computed now: none where paths are kept."""
         if self._outputs is None:
             return np.empty(0)
         first = self._done
@@ -117,7 +117,7 @@ class Recorder:
 
 
 def cause_of(before: int, after: int, fired: bool) -> str:
-    """Return what explanations call the change of a friction contact, at its limit or with another row's event."""
+    """Return the cause of a friction contact's change, as explanations name it; `fired` if it was at its limit."""
     if before == 0:
         return "breakaway" if fired else "breakaway with another event"
     if after == 0:

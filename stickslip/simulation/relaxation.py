@@ -13,17 +13,17 @@ from stickslip.model.arrays import Array
 from stickslip.model.laws.lugre import FASTEST, NEARLY_OPEN
 
 _RESTS = 1e-8  # part of the fastest velocity of a contact below which it is at rest
-# A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead.
+# A normal force counts as rising from 0 if it is smaller than this part of its rise in the time ahead.
 _FROM_NOTHING = 1e-6
 
-_TOO_MUCH = 1e-4  # part of the impulse of their level by which that of bristles may be larger
+_TOO_MUCH = 1e-4  # part of the impulse of its level by which a bristle's impulse may exceed it
 
 
 class Relaxation:
     """Adds up how much more friction bristles have had than their level, because they relax no faster than `FASTEST`.
 
-    Where a normal force depends on the state, it also tells whether that comes back from nearly 0 while the contact
-    slides: its bristles then become softer by powers of ten within a step, and solvers keep the stiffness before.
+    It also refuses normal forces that depend on the state and come back from nearly 0 while the contact slides: its
+    bristles then become softer by powers of ten within a step, and solvers keep the stiffness before.
     """
 
     def __init__(self, system: System) -> None:
@@ -37,9 +37,9 @@ class Relaxation:
         self._following = [j for j in system.bristle_state if system.pressed[j]]
 
     def check(self, last: Motion | None, motion: Motion, resolution: Array) -> None:
-        """Refuse a bristle that is pressed from nothing: so stiff a motion solvers follow wrongly without telling.
+        """Refuse a bristle whose normal force rises from 0: solvers follow so stiff a motion wrongly, without an error.
 
-        What comes after the `last` motion slides where it is faster than the `resolution` of velocities.
+        `last` is the motion before. A contact slides if it starts faster than the `resolution` of velocities.
         """
         for j in self._following:
             was = OPEN if last is None else last.equations.modes[j]
@@ -54,7 +54,7 @@ class Relaxation:
                 )
 
     def note(self, motion: Motion, path: Path) -> None:
-        """Add a path; where a contact has had too much friction, that is a `SolverFailure`."""
+        """Add a path; raise a `SolverFailure` where a contact has had too much friction."""
         taus, states, loads = path.taus, path.points.T, motion.loads(path.taus)
         w = self._system.relative_velocity(states, loads)[self.rows]
         closed = (motion.equations.modes[self.rows] != OPEN)[:, None]
@@ -74,7 +74,10 @@ class Relaxation:
             )
 
     def _note_returns(self, motion: Motion, path: Path, speed: Array, normals: Array) -> None:
-        """Refuse normal forces that follow the motion and come back from nearly 0, beside how fast contacts are."""
+        """Refuse normal forces that depend on the state and come back from nearly 0 while the contact slides.
+
+        The faster a contact slides, the larger are forces that count as nearly 0.
+        """
         self._pressing = np.maximum(self._pressing, normals.max(axis=1))
         self._fastest = np.maximum(self._fastest, speed.max(axis=1))
         near = NEARLY_OPEN * self._pressing[:, None] * speed
@@ -92,5 +95,5 @@ class Relaxation:
 
 
 def _over(taus: Array, values: Array) -> Array:
-    """Return the integrals of some values over time."""
+    """Return the integrals of some values over time, by the trapezoidal rule."""
     return np.asarray(0.5 * (values[:, 1:] + values[:, :-1]) @ np.diff(taus))

@@ -58,8 +58,8 @@ from stickslip.simulation.watching import Failed, Watch
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    With a forest, motions are followed part by part where that can be. `now` is the motion from where the
-    `timeline` is, and `stopped` the user's event that has stopped it.
+    With a forest, motions are followed part by part where possible. `now` is the motion that starts where the
+    `timeline` is, and `stopped` the user's event that has stopped the run.
     """
 
     def __init__(
@@ -79,8 +79,7 @@ class Run:
         self._local: Local | None = None
         if forest is not None:
             self._local = Local(forest, engine.work, task.interruption, recorder, self.timeline, watch, wanted.margin)
-        # the fastest that a solver has seen of each body, how far states were from those at the start, and what adds
-        # up in rates
+        # the largest velocity of each body so far, how far each state was from its start, and majorants of the rates
         self._first = system.at_start()
         self._fastest = np.abs(self._first[: system.n])
         self._moved, self._pushed = np.zeros(system.size), np.zeros(system.size)
@@ -90,7 +89,7 @@ class Run:
         self._borders = Borders(system, task.loads, wanted.scale) if tables else None
         self._relaxation = Relaxation(system)
         self.stopped: str | None = None
-        # whether the motion from here on is not to be followed part by part
+        # whether the motion from here on must not be followed part by part
         self._as_a_whole = False
 
     def to_end(self) -> None:
@@ -114,7 +113,7 @@ class Run:
             start = start._replace(y=self._sample(t, q, start.y))
         before = start.y.copy()
         hit, sides, impact = self._stops_at_start(start.y)
-        # as later on, what an impact brings into Karnopp's dead band moves on
+        # as later on, a row that an impact brings into Karnopp's dead band moves on
         struck_rows = system.abs_G @ np.abs(start.y - before)[: system.n] > 0
         situation = start._replace(sides=sides, moves_on=system.starts_slipping | struck_rows)
         self.now = replace(self._settled(situation), impact=impact)
@@ -122,16 +121,16 @@ class Run:
             self.recorder.note(t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
     def _stops_at_start(self, y: Array) -> tuple[Mask, Modes, Struck | None]:
-        """Let stops rebound, in place, that start at a limit and go on into it.
+        """Let stops rebound, in place, that start at a limit and move into it.
 
-        Returns which do, at which limits stops rest then, and what the impact did.
+        Returns which stops these are, at which limits stops rest then, and what the impact did.
         """
         system, t = self.system, self.timeline.t
         q = self.loads.after(t).at(t)
         u = system.drive_velocities(q)
         sides = at_stops_at_start(system, y, q, t)
-        # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff; drives that it
-        # rests at are as fast as bodies
+        # A stop that was closed when an earlier run ended makes no impact: its velocity is roundoff. That is a part of
+        # the bodies' speeds alone: drives at which the stop rests are as fast.
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
         slowest = self._slowest_rebound
@@ -175,14 +174,14 @@ class Run:
 
     @property
     def reached(self) -> Reached:
-        """What the run has come to."""
+        """The sizes that the run has reached."""
         system, duration = self.system, self.timeline.duration
         ends = [system.n, system.first_bristle, system.first_block]
         velocities, distances, bristles, moved = np.split(self._moved, ends)
         blocks = np.where(moved > 0, moved + np.abs(self._first[system.first_block :]), 0.0)
         blocks[system.clocked - system.first_block] = 0.0
         if system.dependence is not None and not system.dependence.is_linear:
-            # what adds up within a function is not known
+            # the majorant of a function is not known
             blocks[:] = 0.0
         pushed = self._pushed * duration
         return Reached(
@@ -224,12 +223,12 @@ class Run:
         tau, stop = float(path.taus[-1]), motion.segment.stop
         t = motion.t + tau
         if (tau >= motion.horizon and not (path.has_event or relaxed)) or stop - t <= TOGETHER * abs(stop):
-            # the break itself: what was added up to it has been rounded
+            # the exact time of the break: the sum that led to it has been rounded
             return stop
         return t
 
     def _note_crossings(self, motion: Motion, path: Path, t: float, watch: Watch) -> tuple[Path, float]:
-        """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
+        """Note the events of the user along a path; return the path and its end, cut where an event stops the run."""
         for one in watch.crossings(motion, path):
             at = t if one.tau >= path.taus[-1] else motion.t + one.tau
             self.recorder.note_user(float(at), one.event.name, one.sign, one.stays)
@@ -241,7 +240,7 @@ class Run:
         return path, t
 
     def _go_on_from_parts(self, now: Settled, local: Local, ending: Ending) -> None:
-        """Settle the whole scene where what was followed part by part has come to."""
+        """Settle the whole scene at the end of a motion that was followed part by part."""
         motion = now.motion
         end, self._as_a_whole, crossed, self.stopped = ending
         assert end.labels is not None and end.was is not None
@@ -262,13 +261,13 @@ class Run:
         self._settle_all(situation, before, [], jump)
 
     def _come_to_rest(self, t: float, modes: Modes, jump: Jump, arrived_of: Callable[[Mask], Mask]) -> Mask:
-        """Tell which open rows come to rest at the end of a motion: by `arrived_of` them, or as velocities jump."""
+        """Tell which open rows come to rest at the end of a motion: `arrived_of` finds them, or they jump to rest."""
         q = self.loads.after(t).at(t)
         comes = arrived_of(open_from_here(self.system, modes, q)) & ~jump.parted
         return np.asarray(comes | landed(self.system, modes, jump, q))
 
     def _go_on(self, now: Settled, path: Path, t: float, relaxed: list[int]) -> None:
-        """Go on from the end of a path: in the same modes, or with one other mode, or with all settled anew."""
+        """Go on from the end of a path: in the same modes, or with one mode changed, or with all rows settled anew."""
         motion = now.motion
         self.timeline.go_to(t, path.has_event and not now.guards.is_border.any())
         if self.timeline.is_over:
@@ -295,13 +294,14 @@ class Run:
         self._settle_all(situation, before, relaxed, jump)
 
     def _carried_on(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
-        """Return what goes on at the end of a path without an event, None where rows have to be settled."""
+        """Return the motion that follows a path without an event at its end, None where rows have to be settled."""
         after, modes = self.loads.after(t), now.motion.equations.modes
         at_sample = self.loads.is_only_sample(t)
-        # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
+        # before the break, an engine may have handed over only a part of the motion, or the path ends at a corner of a
+        # table, which is continuous
         if t < now.motion.segment.stop or at_sample:
             holds = modes.max(initial=0) < OPEN and all_pressed(self.system, after, t)
-            # a sample may push back what comes to rest there
+            # a sample may push a row back that comes to rest there
             if holds and at_sample:
                 holds = not comes_to_rest(now, t, path.last, path.largest, after.at(t))
             following = modes if holds else None
@@ -311,7 +311,7 @@ class Run:
             return None
         y = np.concatenate([path.last[: self.system.first_block], blocks])
         self._enter_regions(now, y, t)
-        # once more: the segment now has the regions just entered
+        # the segment is read again: now it has the regions just entered
         return carried_on(now, self.loads.after(t), t, y, following)
 
     def _enter_regions(self, now: Settled, y: Array, t: float) -> bool:
@@ -330,7 +330,7 @@ class Run:
         errors = self._wanted.step_errors(path.last)
         end = EndState(t, float(path.taus[-1]), path.last, path.largest)
         jump = jumped(motion, self.loads, end, now.labels, at.crossed, self._slowest_rebound, errors)
-        # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
+        # rows that show STUCK are at rest; those that no force can hold, only if their velocity is a solver's error
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size or not system.all_hard:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
@@ -343,7 +343,7 @@ class Run:
             jump,
             lambda some: arrived(motion, path, now.labels, some, uncertain),
         )
-        # what an impact parts in the instant in which it comes to rest moves on
+        # a row that comes to rest in the instant in which an impact parts it moves on
         touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y
         if system.sampled:
@@ -367,7 +367,7 @@ class Run:
         return situation, jump
 
     def _moves_on(self, now: Settled, t: float, fired: Mask, jump: Jump) -> Mask:
-        """Tell which rows move on through Karnopp's dead band: they have left rest there, or been struck."""
+        """Tell which rows move on through Karnopp's dead band: those that have left rest in it, or that were struck."""
         system = self.system
         w = system.relative_velocity(jump.y, self.loads.after(t).at(t))
         inside = np.isin(np.arange(system.m), now.guards.in_band) & ~fired & (now.labels * w > 0)

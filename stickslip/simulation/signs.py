@@ -11,8 +11,8 @@ from stickslip.equations.path import from_nodes
 from stickslip.model.arrays import Array
 from stickslip.model.crossings import root_between
 
-DEGREE = 20  # order of the polynomial that a quantity is taken for within a step
-ROUGH = 1e-11  # part of what adds up in a quantity below which it is 0 at the start
+DEGREE = 20  # order of the polynomial that stands for a quantity within a step
+ROUGH = 1e-11  # part of its majorant below which a quantity counts as 0 at the start
 TINY = 1e-14  # the same part once its sign is known: roundoff
 
 

@@ -74,9 +74,10 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
     rtol, atol : float
         Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none. An
-        absolute tolerance that would hide how bodies move is tightened to ``rtol`` times the scene's velocities. Where
-        only forces tell these, and all bodies turn out slower than ``1e5 atol``, or errors may add up to a tenth of a
-        velocity, the run is made a second time, but with sampled blocks.
+        absolute tolerance that would hide how bodies move is tightened to ``rtol`` times the scene's velocities. If
+        these follow from forces only, and all bodies turn out slower than ``1e5 atol``, or errors may add up to a tenth
+        of a velocity, the run is made a second time; also if a state of a block stays below ``1e6 atol``. With sampled
+        blocks there is no second run.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional
@@ -131,7 +132,10 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     exact_at_rest = by_default and not why_stiff(system, stop - start)
 
     def run(loads: Loads, reached: Reached | None) -> tuple[Result, Reached | None]:
-        """Return a run with tolerances fit for what an earlier one has reached, and what it has if they hid it."""
+        """Return a run with tolerances fit for the sizes that an earlier run reached.
+
+        With it the sizes that it has reached itself, None unless its tolerances hide its motion.
+        """
         wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series", reached=reached)
         if system.dependence is not None:
             system.dependence.forget()
@@ -158,19 +162,19 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         )
         with one_thread(system, always=name != "series"):
             result = _Simulation(one, task, chosen.title).to_end(progress)
-        # functions of sampled blocks are called once for each sample
+        # the functions of sampled blocks are called only once for each sample
         once_only = chosen.takes_steps or not wanted.has_errors or system.sampled
         return result, one.reached if not once_only and wanted.hide(one.reached) else None
 
     result, reached = run(loads, None)
     if reached is not None:
-        # where double precision cannot bear what that takes, the tolerances that were asked for stand
+        # where the second run needs more than double precision, the first one is kept
         with contextlib.suppress(SimulationError, ValueError):
             result, _ = run(system.loads(*span), reached)
     return result
 
 
-_MANY = 16  # bodies from which events are followed one by one where they are
+_MANY = 16  # number of bodies from which on scenes are followed part by part
 
 
 def compiled(scene: Scene) -> System:
@@ -182,12 +186,12 @@ def compiled(scene: Scene) -> System:
 
 
 def _forest(system: System, loads: Loads) -> Forest | None:
-    """Return which bodies reach which where events can be followed one by one, built once for each scene and period."""
+    """Return the forest of a scene that can be followed part by part, built once for each scene and period."""
     if system.n < _MANY or Forest.why_not(system, loads) is not None:
         return None
     known = system.scene.derived
     forest: Forest | None = known.get("forest")
-    # sines may be left out of one time span, and be there in another
+    # sines may lie outside of one time span, and within another
     if forest is None or forest.period != loads.period:
         forest = known["forest"] = Forest(system, loads.period)
     return forest
@@ -255,12 +259,12 @@ class _Simulation:
 
     @property
     def _just_begun(self) -> Path | None:
-        """The motion that has been settled and not been followed yet: the state after what happened at its start."""
+        """The path of a motion that has been settled but not followed yet: the state at its start only."""
         now = self._run.now
         return None if now is None or now.motion.t != self._run.timeline.t else Path.of_start(now.motion.y)
 
     def _keep(self, path: Path | None) -> float:
-        """Keep the path of a motion that has come to no end; return the time of its last point."""
+        """Keep the path of a motion that was broken off; return the time of its last point."""
         run = self._run
         if run.now is None or path is None:
             return run.timeline.t

@@ -37,7 +37,7 @@ class Timeline:
 
     @property
     def gone(self) -> float:
-        """How much of it has gone in s."""
+        """How much of the time span has passed, in s."""
         return self.t - self.start
 
     @property
@@ -50,7 +50,7 @@ class Timeline:
         self._recent.append(j)
 
     def pass_event(self, t: float, j: int) -> None:
-        """Go on to an event of a row that was settled where it is."""
+        """Go on to an event of a row that was settled without the whole scene."""
         self.note(j)
         self.go_to(t, not self._system.piecewise.count)
         self.restarts += 1
@@ -71,6 +71,6 @@ class Timeline:
 
     def _names(self) -> str:
         system = self._system
-        # where none has changed it is gaps and stops that come to their limits and do not pass them
+        # if no row has changed, gaps and stops come to their limits again and again without passing them
         rows = set(self._recent) or set(system.piecewise.row.tolist()) or range(system.m)
         return ", ".join(sorted(repr(system.rows[j].name) for j in rows))

@@ -18,7 +18,7 @@ from stickslip.model.arrays import Array, Mask
 from stickslip.model.checks import rounded_up
 from stickslip.model.signals import Signal
 
-# What errors of steps may add up to: a multiple of what is uncertain, at the most a part of the scene's velocities.
+# Errors of single steps may add up to so many of them, but (unless one error is more) only to this part of a velocity.
 _TIMES, _AT_MOST = 100.0, 1e-3
 
 _FINEST = 1e-13
@@ -27,21 +27,23 @@ _BRISTLE = 1e-6
 _FORCE_UNCERTAINTY = 1e-12  # part of the forces that is uncertain at least
 _EXACT = 1e-8  # part of the scene's velocities that an exact engine resolves, whatever the tolerances
 
-# Part of a velocity that errors may add up to: beyond it the passing of 0 is not told from them.
+# If errors may add up to more than this part of a velocity, they may look like a passing of 0.
 _TOO_MUCH = 0.1
 
-# Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move; and of the largest
-# size of a state of a block, whose errors controllers may multiply.
+# An absolute tolerance beyond this part of the fastest velocity of a run hides how bodies move. For a state of a block
+# the part of its largest size is smaller, because controllers may multiply errors.
 _HIDDEN, _HIDDEN_STATE = 1e-5, 1e-6
 
-# What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance.
+# A velocity below these bounds is no motion: a part of the majorant of accelerations times the time span, or of the
+# velocity scale; and a part of the absolute tolerance.
 _NOISE, _SEEN = 1e-11, 1e-3
 
-# Part of what adds up in a stretch that is roundoff; and of what does in accelerations, times the span, below which no
-# absolute tolerance of velocities goes.
+# Part of the majorant of a stretch that is roundoff. The same part of the majorant of accelerations, times the time
+# span, is the smallest absolute tolerance of velocities.
 _ROUNDOFF = 1e-15
 
-# Part of the scene's velocities below which loads tell nothing of a part: a few times miss pulses.
+# Where loads seem to give a part of the scene less than this part of the scene's velocities, they give it no scale:
+# loads are read at a few times only, which may miss pulses.
 _UNSEEN = 1e-13
 
 _REBOUND = 1e-11  # part of the scene's velocities below which stops do not rebound where the engine is exact
@@ -49,51 +51,54 @@ _REBOUND = 1e-11  # part of the scene's velocities below which stops do not rebo
 
 @dataclass(frozen=True)
 class Reached:
-    """What a run has come to."""
+    """The sizes that a run has reached."""
 
-    velocities: Array  # (n,): the fastest of each body in m/s or rad/s
-    distances: Array  # (n,): how far each body was from its start in m or rad
-    bristles: Array  # (b,): largest deflections in m or rad
-    blocks: Array  # largest sizes of the states of blocks that a solver integrates, 0 where their roundoff is not known
-    pushed: float  # what adds up in accelerations, times the time span, in m/s or rad/s
-    fed: Array  # what adds up in the rates of the states of blocks, times the time span
+    velocities: Array  # (n,): largest change of each body's velocity since the start in m/s or rad/s
+    distances: Array  # for each position among the states: how far it was from its start in m or rad
+    bristles: Array  # (b,): largest change of each deflection since the start in m or rad
+    # bounds of the states of blocks; 0 for those that have not changed, that a solver does not integrate, or whose
+    # roundoff is not known
+    blocks: Array
+    pushed: float  # largest majorant of an acceleration, times the time span, in m/s or rad/s
+    fed: Array  # majorants of the rates of the states of blocks, times the time span
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What the solver is asked for, and what it leaves uncertain."""
+    """The tolerances that a solver is asked for, and what they leave uncertain."""
 
     rtol: float
     atol: Array  # (size,): for each state
     # (m,): relative velocities in m/s or rad/s below which contacts may be found to have relaxed to rest
     margin: Array
-    is_given: bool  # whether that margin is the user's, for stops that rebound, too
+    is_given: bool  # whether the user gave that margin; then stops do not rebound below it, either
     velocity_resolution: Array  # (m,): relative velocities in m/s or rad/s that the tolerances do not resolve
     force_uncertainty: float  # part of the forces that is uncertain
     speed: float  # velocity scale in m/s or rad/s
     speeds: Array  # (n,): the same of each body
     system: System
-    # whether velocities have errors where they pass 0: not of exact engines, or where events are at step ends
+    # whether velocities have errors where they pass 0: not with exact engines, nor with fixed steps, which place
+    # events at their ends
     has_errors: bool
-    guessed: Mask  # (n,): bodies of which nothing but loads told how fast they may be
+    guessed: Mask  # (n,): bodies whose velocity scale follows from loads only
 
     @property
     def scale(self) -> Array:
-        """The sizes (size,) that states at rest are taken to have, 0 for those of blocks, of which nothing tells."""
+        """The sizes (size,) that states at rest are taken to have; 0 for those of blocks, whose scale is not known."""
         found = self.atol / self.rtol
         found[self.system.first_block :] = 0.0
         return np.asarray(found)
 
     @property
     def may_hide(self) -> bool:
-        """Whether what a run reaches may be hidden: where only loads tell velocities, and of states of blocks."""
+        """Whether tolerances may hide what a run does: if a velocity scale follows from loads only, or with blocks."""
         return self.has_errors and (bool(self.guessed.any()) or self.atol.size > self.system.first_block)
 
     def hide(self, reached: Reached) -> bool:
-        """Tell whether a run was so slow, beside what loads let expect, that the tolerances hide it.
+        """Tell whether a run was so much slower than its loads suggest that the tolerances hide it.
 
-        The absolute one hides how bodies move, or the states of blocks, or what errors may add up to is no small part
-        of a velocity.
+        Either the absolute tolerance hides how bodies move, or how states of blocks change, or errors may add up to a
+        large part of a velocity.
         """
         hidden = self.atol[self.system.first_block :] / _HIDDEN_STATE
         if np.any((_NOISE * reached.fed < reached.blocks) & (reached.blocks < hidden)):
@@ -107,7 +112,7 @@ class Tolerances:
         return bool(np.any(self._errors(self.speeds)[slow] > _TOO_MUCH * velocities[slow]))
 
     def relaxation_margin(self, fastest: Array) -> Array:
-        """Return the `margin`, or less: what only loads tell counts no further than the bodies have been `fastest`."""
+        """Return the `margin`, or less: scales that follow from loads only are cut off at the `fastest` velocities."""
         if self.is_given or not self.guessed.any():
             return self.margin
         return row_maxima(self.system.abs_G * self._errors(self._so_far(fastest)))
@@ -115,7 +120,7 @@ class Tolerances:
     def slowest_rebound(self, fastest: Array) -> Array:
         """Return relative velocities (m,) below which stops do not rebound.
 
-        An exact engine knows velocities to roundoff: so small rebounds are real.
+        An exact engine knows velocities to roundoff: even small rebounds are real.
         """
         if self.is_given or self.has_errors:
             return self.relaxation_margin(fastest)
@@ -129,17 +134,17 @@ class Tolerances:
         return StepErrors(least, least + LOCAL * self.rtol * np.abs(y))
 
     def _so_far(self, fastest: Array) -> Array:
-        """Return the velocity scale of each body, no more than they have been `fastest` where that is a guess."""
+        """Return the velocity scale of each body; where it is a guess, no more than the `fastest` velocities so far."""
         if not self.guessed.any():
             return self.speeds
         return np.where(self.guessed, np.minimum(self.speeds, self.system.transmission.handed_on(fastest)), self.speeds)
 
     def _errors(self, speeds: Array) -> Array:
-        """Return what errors of steps may add up to in the velocities of bodies that are so fast (n,)."""
+        """Return what errors of steps may add up to in the velocities of bodies with these `speeds` (n,)."""
         return _added_up(self.rtol * speeds + self.atol[: speeds.size], speeds)
 
     def uncertainty(self, fastest: Array) -> Uncertainty:
-        """Return what is uncertain now: a part of the `fastest` velocity of each body that the solver has seen."""
+        """Return what is uncertain now; `fastest` is the largest velocity of each body so far."""
         passed = None
         if self.has_errors:
             speeds = np.maximum(self.speeds, self.system.transmission.handed_on(fastest))
@@ -164,7 +169,7 @@ def tolerances(
     them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain. V is what an
     earlier run has `reached`, or what velocities at the start, drives and forces let expect.
 
-    Where that is too small for double precision it is refused.
+    A pre-slip velocity that is too small for double precision is refused.
     """
     speed, frequency, is_guess = _speed(system, start, stop)
     if reached is not None and is_guess:
@@ -201,13 +206,13 @@ def tolerances(
     if reached is not None:
         blocks = np.maximum(rtol * reached.blocks, _ROUNDOFF * reached.fed) * (reached.blocks > 0)
         own = np.concatenate([rtol * reached.distances, rtol * reached.bristles, blocks])
-        # what has not moved tells nothing
+        # a state that has not moved gives no scale
         each[system.n :] = np.where(own > 0, np.minimum(each[system.n :], own), each[system.n :])
     errors, levers = rtol * speeds + each[: system.n], system.abs_G
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
     relaxes = row_maxima(levers * _added_up(errors, speeds)) if margin is None else np.full(system.m, margin)
     if is_exact:
-        # loose tolerances say how soon what dies away counts as at rest, and nothing else
+        # here loose tolerances only decide how soon a velocity that dies away counts as 0
         errors = np.minimum(errors, _EXACT * speeds)
     return Tolerances(
         rtol,
@@ -238,9 +243,9 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
 
 
 def _speeds(system: System, start: float, stop: float, speed: float, is_guess: bool) -> tuple[Array, Mask]:
-    """Return the velocity scale of each body, and where it is a guess: nothing but loads told it.
+    """Return the velocity scale of each body, and where it is a guess: where it follows from loads only.
 
-    It is the `speed` of the scene, of which the same is known, or less where the part of the body is slower.
+    It is the `speed` of the scene, or less where the body's part of the scene is slower; `is_guess` is that of `speed`.
     """
     transmission = system.transmission
     if transmission.is_uniform:
@@ -249,7 +254,7 @@ def _speeds(system: System, start: float, stop: float, speed: float, is_guess: b
         transmission.handed_on(np.minimum(found, speed))
         for found in (_known(system, start, stop), _pushed(system, start, stop))
     )
-    # as in the scene loads count where nothing else tells
+    # as for the whole scene, loads count only where nothing else gives a scale
     return np.where(known > 0, known, np.where(pushed > _UNSEEN * speed, pushed, 0.0)), known == 0
 
 
@@ -267,10 +272,10 @@ def _known(system: System, start: float, stop: float) -> Array:
 
 
 def _pushed(system: System, start: float, stop: float) -> Array:
-    """Return the velocities that loads alone give their bodies; what forces that follow states give is not known."""
+    """Return the velocities that loads alone give their bodies; forces that depend on the state are left out."""
     found = np.zeros(system.n)
     for i, load in _loads(system):
-        # a function that fails is told of when the run comes to it
+        # a function that fails is reported when the run comes to it
         largest = math.inf
         with contextlib.suppress(ValueError):
             largest = largest_value(load, start, stop)
@@ -279,7 +284,7 @@ def _pushed(system: System, start: float, stop: float) -> Array:
 
 
 def _loads(system: System) -> Iterator[tuple[int, Signal]]:
-    """Return the loads of bodies with inertia, each after the number of its body."""
+    """Return the loads on bodies with inertia, each with the number of its body before it."""
     forces = system.scene.forces
     for force, load in zip(forces, system.others[: len(forces)], strict=True):
         i = system.index[force.body]
@@ -304,12 +309,15 @@ def _stretched(system: System) -> Iterator[tuple[Mapping[int, float], float, flo
     for gap, j in zip(scene.gaps, system.is_gap.nonzero()[0].tolist(), strict=True):
         coefficients = system.rows[j].coefficients
         above, below = (beyond(x, coefficients) if math.isfinite(x) else 0.0 for x in (gap.upper, gap.lower))
-        # where its damping is clipped a gap is as stiff as two
+        # damping is at most as large as the spring force: where it is clipped, a gap is twice as stiff
         yield coefficients, 2 * gap.stiffness, max(above, -below, 0.0)
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:
-    """Return the velocity scale, the highest natural frequency (rad/s, 0 without springs), and whether V is a guess."""
+    """Return the velocity scale, the highest natural frequency (rad/s, 0 without springs), and if the scale is a guess.
+
+    It is a guess where it follows from loads only.
+    """
     scene = system.scene
     total, stretched = np.zeros(system.n + system.drives), 0.0
     for coefficients, stiffness, offset in _stretched(system):

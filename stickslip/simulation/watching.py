@@ -1,7 +1,7 @@
 """Events of the user: where quantities cross 0, or come to it and stay, along the paths of a run.
 
-They change nothing in the motion, so they are looked for on the polynomials of its steps: in each step the quantity is
-a polynomial of its values at Chebyshev points, and a root is finished on the quantity itself.
+They change nothing in the motion, so they are looked for on the polynomials of its steps. In each step the polynomial
+through the values at Chebyshev points stands for the quantity; a root is then refined on the quantity itself.
 """
 
 from __future__ import annotations
@@ -21,16 +21,18 @@ from stickslip.model.arrays import Array
 from stickslip.model.when import When
 from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
-# How often a step is halved at most in which a quantity is no such polynomial, and how many parts are at once.
+# How often a step in which a quantity is no such polynomial is halved at most, and how many parts at once.
 _HALVINGS, _AT_MOST = 16, 1000
 
-# The last terms tell, where they are such a part of what varies; beyond so many times that it stays off 0.
+# A quantity is no such polynomial where one of this many last terms is above this part of the sum of all varying ones.
+# Where its constant term is beyond so many times that sum, it stays off 0 all the same.
 _LAST, _RESOLVED, _FAR = 4, 1e-9, 4.0
 
-# How long before it bends and stays at 0 a quantity is off 0, as a part of the parts about, and by how much noise.
+# A quantity that bends to 0 and stays there is off 0 by so many times its noise shortly before. Shortly is this part of
+# the shorter of the two parts about.
 _SHORTLY, _OFF = 1e-3, 10.0
 
-_LOOKS = 200  # places along a path at which it is looked for where a function fails
+_LOOKS = 200  # places along a path that are tried to find where a function fails
 _PARTS = 4  # parts of the shortest period of the loads within which a quantity is a polynomial
 
 
@@ -54,8 +56,8 @@ class Failed(Exception):
 class Watch:
     """Watches the quantities of the user's events, path by path.
 
-    The system is compiled with these quantities as the observed ones. A method of fixed steps goes beyond 0 `in_steps`
-    before it finds a contact stuck there.
+    The system is compiled with these quantities as the observed ones. `in_steps` says that a method of fixed steps
+    follows the motion: it goes beyond 0 before it finds a contact stuck there.
     """
 
     def __init__(self, system: System, events: Sequence[When], loads: Loads, in_steps: bool) -> None:
@@ -63,13 +65,13 @@ class Watch:
         self._signs = [0] * len(self._events)
         # whether a quantity was roundoff at the end of the last path, and whether it crossed 0 there
         self._died, self._passed = [False] * len(self._events), [False] * len(self._events)
-        # the largest value since the quantity has left 0
+        # the largest value of each quantity since it left 0
         self._largest = [0.0] * len(self._events)
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation.
 
-        Where the function of one fails, that is `Failed`.
+        Where the function of one fails, `Failed` is raised.
         """
         gained = np.zeros(self._system.size)
         if path.taus.size > 1:
@@ -79,7 +81,7 @@ class Watch:
 
     @property
     def reads_series(self) -> bool:
-        """Whether the quantities follow from states and loads: friction belongs to the modes of the whole scene."""
+        """Whether the quantities read states and loads only, and no friction, which needs modes of the whole scene."""
         return not self._system.observes_heat
 
     def crossings_of_parts(self, motion: Motion, parts: Parts, begin: float, end: float) -> list[Crossing]:
@@ -123,7 +125,7 @@ class Watch:
     ) -> list[Crossing]:
         """Return where the quantity of one event crosses 0, or comes to it and stays, between the `edges` of parts.
 
-        `values` are those at the Chebyshev points of each part, `size` is what adds up in them, and `exact` is the
+        `values` are those at the Chebyshev points of each part, `size` is their largest majorant, and `exact` is the
         quantity itself.
         """
         event, sign = self._events[k], self._signs[k]
@@ -136,8 +138,8 @@ class Watch:
             found.append(Crossing(0.0, event, sign))
         at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values]
         if sign and all(at_0[:2]) and not self._died[k]:
-            # it stays at 0, as what has stuck does; one step alone may be too short to leave it
-            # a sign that was told by what is roundoff here has never been one
+            # It stays at 0, as the velocity of a stuck contact does. Two parts are looked at: one may be too short to
+            # leave 0. If all values that gave the sign are roundoff here, there has never been a sign.
             if self._largest[k] > noise and not (self._in_steps and self._passed[k]):
                 found.append(Crossing(0.0, event, -sign, stays=True))
             sign = 0
@@ -148,7 +150,7 @@ class Watch:
                 tau = _first_at_0(exact, edges[left - 1], edges[left], noise)
                 before = tau - _SHORTLY * min(lengths[left - 1 : left + 1])
                 if abs(exact(before)) > _OFF * noise:
-                    # it bends there and stays, as what is cut off does: it has not died away, nor goes through
+                    # it bends there and stays, like a quantity that is cut off: it neither dies away nor goes through
                     found.append(Crossing(tau, event, -sign, stays=True))
                     sign = 0
             least = rough if sign == 0 else noise
@@ -162,7 +164,7 @@ class Watch:
         return found
 
     def _parts(self, ends: Array, values_at: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array, Array]:
-        """Return the ends of parts of steps, the quantities in each at Chebyshev points, and what adds up in them.
+        """Return the ends of parts of steps, the quantities in each at Chebyshev points, and their majorants.
 
         Steps are halved in which a quantity is not the polynomial through these values, unless it is far from 0.
         """
@@ -191,9 +193,9 @@ class Watch:
         return np.append(starts[order], edges[-1]), values, sizes
 
     def _values(self, motion: Motion, path: Path, taus: Array, gained: Array) -> tuple[Array, Array]:
-        """Return the quantities at local times, a line each, and what adds up in them.
+        """Return the quantities at local times, a line each, and their majorants.
 
-        `gained` are what forces add up to in the states: where they cancel they leave roundoff.
+        `gained` are majorants of what forces add to the states: where forces cancel they leave roundoff.
         """
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]

@@ -1,4 +1,4 @@
-"""The gaps of a scene that is followed part by part: in which region each is, and what it does there."""
+"""The gaps of a scene that is followed part by part: in which region each is, and its force there."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from stickslip.model.arrays import Array, Indices, Modes
 
 
 class Elastic:
-    """The regions of all gaps, and the couplings and forces that follow from these.
+    """The regions of all gaps, and the couplings and forces that follow from the regions.
 
     Attributes
     ----------
     region : array (p,) of int
     stiffness, damping : arrays
-        Couplings as in the forest, those of gaps among them.
+        Couplings as in the forest, with those of gaps added.
     coupled : array (n,) of bool
         Which bodies springs, dampers, acting gaps or forces that follow the motion act on.
     constant : array (n,)
-        What gaps push the bodies with beside that.
+        The constant parts of the forces of gaps on the bodies.
     neighbours : list of lists of int
         The bodies that couple to each one now.
     """
@@ -32,16 +32,16 @@ class Elastic:
         self.stiffness, self.damping, self.neighbours = forest.stiffness, forest.damping, forest.neighbours
         self.constant, self.count, self.coupled = np.zeros(forest.n), forest.gaps.size, forest.coupled
         self.region = regions.copy()
-        # of a row that is a gap: its number
+        # the number of the gap that a row is, -1 for others
         self.number = np.full(forest.m, -1)
         self.number[forest.gaps] = np.arange(self.count)
         if not self.count:
             return
         self.stiffness, self.damping = self.stiffness.copy(), self.damping.copy()
         self.neighbours, self.coupled = [own.copy() for own in self.neighbours], self.coupled.copy()
-        # what each gap does now
+        # the force of each gap in its region: factors of stretch and rate, and the constant
         self._now = self.values(np.arange(self.count)).tolist()
-        # the entries of each gap; what adds up in each entry, and in the constant force on each body
+        # the entries of each gap; the gaps that add to each entry, and to the constant force on each body
         self._entries: list[list[int]] = [[] for _ in range(self.count)]
         self._acting: dict[int, list[tuple[int, float]]] = defaultdict(list)
         for entry, gap, factor in zip(*(x.tolist() for x in forest.gap_entries), strict=True):
@@ -68,7 +68,7 @@ class Elastic:
         return np.array(self._act(gaps.tolist()), dtype=np.intp)
 
     def _act(self, gaps: range | list[int]) -> list[int]:
-        """Enter what gaps do in their regions, among all that adds up with it; return the bodies at their ends."""
+        """Enter the forces of gaps in the sums that they belong to; return the bodies at the ends of the gaps."""
         forest, now = self._forest, self._now
         for entry in sorted({entry for gap in gaps for entry in self._entries[gap]}):
             acting = self._acting[entry]

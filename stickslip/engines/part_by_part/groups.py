@@ -10,7 +10,7 @@ from stickslip.equations.algebra.matrices import split_by
 from stickslip.equations.forest import Forest
 from stickslip.model.arrays import Indices, Mask
 
-UNLED = -2  # what leads a group: nothing; else it is -1, the ground, or the number of a drive
+UNLED = -2  # the lead of a group that nothing leads; else it is -1 for the ground, or the number of a drive
 
 
 class Groups:
@@ -23,11 +23,11 @@ class Groups:
     of : array (n,)
         The group of each body.
     lead : array (n,)
-        What leads it.
+        The lead of the group of each body.
     inside : dict
         The rows that hold a group together, or to what leads it.
     count : int
-        All numbers of groups, old ones too, are smaller.
+        All numbers of groups, those of former groups too, are smaller.
     """
 
     def __init__(self, forest: Forest, knots: list[Knot], held: Indices) -> None:
@@ -84,9 +84,9 @@ class Groups:
         self.inside.pop(g, None)
 
     def among(self, bodies: Indices) -> tuple[Indices, Indices, Indices | None]:
-        """Return the groups of some bodies, the place of one body of each, and the group of each if they are fewer.
+        """Return the groups of some bodies, the place of one body of each group, and the place of each body's group.
 
-        The bodies of a knot count one by one.
+        The last is None where each body is a group. Here the bodies of a knot are groups of their own.
         """
         groups = self.of[bodies]
         if self._any_knots:
@@ -108,7 +108,7 @@ class Groups:
             for g in edge:
                 own = [g] if g < forest.n else self._members[g].tolist()
                 if depth and lead[own[0]] != UNLED:
-                    # what ground or drives lead hands nothing on
+                    # a change goes no farther through a group that the ground or a drive leads
                     continue
                 for i in own:
                     for k in neighbours[i]:

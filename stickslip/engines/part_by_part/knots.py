@@ -1,6 +1,7 @@
 """Knots of a scene that is followed part by part: bodies that rows join in other ways than by trees of contacts.
 
-Their modes stay as long as the scene is followed: between events a knot is linear in the forces on its bodies.
+Their modes stay as long as the scene is followed part by part: between events the accelerations in a knot are linear in
+the forces on its bodies.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Knot:
     mobility : array (k, k)
         Accelerations from the forces on the bodies.
     led : array (k, d)
-        Accelerations from those of the drives.
+        Accelerations from the accelerations of the drives.
     """
 
     def __init__(self, equations: ModeEquations, bodies: Indices, rows: Indices) -> None:
@@ -43,17 +44,20 @@ class Knot:
             self._shares = dense(equations.shares[places])[:, bodies]
 
     def consistent(self, v: Array, u: Array) -> Array:
-        """Return velocities that satisfy the held rows to the last bit; series of these, or values."""
+        """Return velocities, values or series, that satisfy the held rows to the last bit."""
         return self._balance.consistent(v, u)
 
     def forces(self, rest: Array) -> Array:
-        """Return the forces of held rows, then what rows at their level would carry, from what is left of others."""
+        """Return the forces of held rows, then those that rows at their level would carry.
+
+        `rest` are all other forces less inertia times acceleration.
+        """
         held = self._balance.held_forces(rest, np.zeros(rest.shape))
         return np.concatenate([held, self._shares @ rest])
 
 
 class Knots:
-    """The knots of a scene; each is remembered as it was last, for an event changes few."""
+    """The knots of a scene; each is kept until its modes change, for an event changes few."""
 
     def __init__(self, forest: Forest) -> None:
         self._bodies = forest.knots

@@ -1,4 +1,4 @@
-"""When the guards of a scene that is followed part by part are next due: bounds that cost little, then roots."""
+"""When guards of a scene that is followed part by part next come to 0: first bounds that cost little, then roots."""
 
 from __future__ import annotations
 
@@ -18,34 +18,35 @@ from stickslip.model.arrays import Array, Indices, Mask
 _WORTH = 0.3  # part of a dwell time for which the series of a rising level is followed
 _TERMS_WITH_DWELL = 20
 
-# Part of what adds up in a derivative from which on it tells clearly to which side of a border a gap goes.
+# A derivative above this part of the summed sizes of its terms shows clearly to which side of a border a gap goes.
 _CLEAR = 1e-9
 
-# Part of what adds up in an acceleration from which on it tells clearly to which side an open row moves.
+# An acceleration above this part of the summed sizes of its terms shows clearly to which side an open row moves.
 _MOVES = 1e-6
 
 _STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
 
 
 class NextRoots:
-    """The times before which no guard of a row comes to 0.
+    """The times before which no guard of each row comes to 0.
 
     Attributes
     ----------
     when : array (m,)
-        No guard of a row comes to 0 before; does so then, where `is_root`.
+        No guard of a row comes to 0 before this time.
     is_root : array (m,) of bool
+        Rows of which a guard comes to 0 at that time.
     is_bounded : array (m,) of bool
-        Rows whose series hold to the end of those of the parts only, and not to the end of the stretch.
+        Rows whose series hold only until `Parts.end`, and not until `Parts.stop`.
     direction : array (m,) of int8
         The side on which a held row is at its limit, or which border of its region a gap is at.
     borders : int
-        How many borders gaps may come to; where a gap stays at one, that is left alone.
+        How many borders gaps may come to; a border at which a gap stays does not count.
     at_once : array of int
-        Gaps among the rows that were looked at last that go on beyond a border at once.
+        Of the rows that were looked at last, the gaps that go on beyond a border at once.
     bounds : array (2, m)
-        1 where a held row lets go above its level forward or backward, -1 where it carries that level and is held again
-        below it, and 0 where it has none.
+        For the forward and the backward level: 1 where a held row lets go above it, -1 where the row carries it and is
+        held again below it, and 0 where the row has no such level.
     near_rest : array (m,)
         The velocity at which moving rows without friction may begin to relax to rest.
     """
@@ -73,8 +74,8 @@ class NextRoots:
     def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
 
-        It is looked for from `t` on, where their series begin; `is_bounded` are rows whose series hold to the end of
-        those of the parts only.
+        The search begins at `t`, where the series of the rows begin. `is_bounded` says which of these series hold only
+        until `Parts.end`.
         """
         parts = self._parts
         self.is_bounded[rows] = is_bounded
@@ -87,7 +88,7 @@ class NextRoots:
         is_held = parts.mode[rows] == 0
         loose, held = rows[~is_held], rows[is_held]
         if parts.opens:
-            # what is open and at rest waits for nothing
+            # open rows at rest have no guard
             loose = loose[parts.label[loose] != 0]
         watched = parts.label[loose, None] * parts.watched[loose]
         if parts.moves_aside:
@@ -96,7 +97,7 @@ class NextRoots:
         g, which = np.concatenate([watched, of_held]), np.concatenate([loose, which_held])
         late = parts.started[loose].nonzero()[0]
         if late.size:
-            # what starts from rest: the zero is divided out
+            # divide out the zero of rows that start from rest
             g[late, :-1], g[late, -1] = g[late, 1:], 0.0
         self.at_once = gaps
         if gaps.size:
@@ -115,9 +116,9 @@ class NextRoots:
         return bad
 
     def _held(self, rows: Indices, force: Array, t: float) -> tuple[Array, Indices]:
-        """Return the guards of held rows as series about `t`, as `force` is; levels that rise count as they are.
+        """Return the guards of held rows as series about `t`, as `force` is, and the row of each.
 
-        With them the row of each.
+        Static coefficients that rise stay as they are at `t`.
         """
         parts = self._parts
         g = np.concatenate([-force, force])
@@ -145,7 +146,7 @@ class NextRoots:
                 self.direction[j] = k - int(own.searchsorted(own[k]))
                 order = _STAYS
             elif order <= 0:
-                # higher orders and impacts are for the whole scene
+                # higher orders and impacts are settled with the whole scene: a guard of 0 asks for that
                 g[k], order = 0.0, 0
             self._zeros[borders[k]] = order
         self.at_once = np.array(now, dtype=np.intp)
@@ -155,7 +156,7 @@ class NextRoots:
         return self._divided(g, borders), own
 
     def _borders(self, rows: Indices) -> tuple[Array, Array, Indices, Indices]:
-        """Return the borders of the regions of some gaps as series from where these begin on, and their sizes.
+        """Return the borders of the regions of some gaps as series, and the summed sizes of their terms at the start.
 
         Then come the numbers of these borders, and for each the place of its gap among the rows.
         """
@@ -176,7 +177,7 @@ class NextRoots:
         return np.asarray(g)
 
     def _divided(self, g: Array, borders: Indices) -> Array:
-        """Divide zeros at the start out of borders, in place; where a gap stays at one for now, nothing comes to 0."""
+        """Divide zeros at the start out of borders, in place; a border at which a gap stays for now becomes 1."""
         zeros = self._zeros[borders]
         for k in (1, 2):
             some = (zeros == k).nonzero()[0]
@@ -203,19 +204,19 @@ class NextRoots:
         return 0
 
     def _slope_size(self, j: int, border: int) -> float:
-        """Return what adds up in how fast the stretch comes to a border of a gap, in units of the series."""
+        """Return the summed sizes of the terms in a border's slope by its gap's stretch, in units of the series."""
         stretch = abs(float(self._system.piecewise.border[border, 0]))
         return stretch * float(self._sizes(np.array([j]))[1][0]) * self._parts.unit
 
     def _second_derivative_size(self, j: int, t: float) -> float:
-        """Return what adds up in the second derivative of the stretch of a gap."""
+        """Return the summed sizes of the terms in the second derivative of the stretch of a row."""
         parts, forest = self._parts, self._parts.forest
         ends = ((int(forest.child[j]), 0), (int(forest.parent[j]), 1))
         of_drive = abs(forest.lever[j, 2] * parts.prescribed.drive_at(int(forest.drive[j]), t)[1])
         return float(of_drive + sum(abs(forest.lever[j, e]) * parts.acceleration_size(i, t) for i, e in ends if i >= 0))
 
     def _sizes(self, rows: Indices) -> tuple[Array, Array]:
-        """Return what adds up in the stretches of some gaps, and in their rates."""
+        """Return the summed sizes of the terms in the stretches of some gaps, and in their rates."""
         parts, forest = self._parts, self._parts.forest
         x, v = np.zeros(rows.size), np.zeros(rows.size)
         kinds = [
@@ -231,13 +232,13 @@ class NextRoots:
         return x, v
 
     def moved(self, rows: Indices, t: float) -> Array:
-        """Return what rows watch as series about `t`."""
+        """Return the quantities that rows watch as series about `t`."""
         parts = self._parts
         c, s = parts.watched[rows], (t - parts.row_origin[rows]) / parts.unit
         return shifted(c, s) if s.any() else c
 
     def refine(self, j: int) -> None:
-        """Find the first root of a row's guards from when it is due on."""
+        """Find the first root of the guards of a row whose bound `when` is due."""
         parts = self._parts
         t, due = float(parts.row_origin[j]), float(self.when[j])
         self.when[j] = math.inf
@@ -261,7 +262,7 @@ class NextRoots:
         until, dwell = self._until(j), float(system.dwell[j])
         is_rising = False
         if parts.dwells[j]:
-            # past the due time; there itself a guard may be 0
+            # begin shortly before the due time: at the due time itself a guard may be 0
             t = max(t, due - 0.1 * min(until - due, _WORTH * dwell))
             is_rising = (t - parts.since[j]) / dwell < DWELL_OVER
         if is_rising:
@@ -284,7 +285,7 @@ class NextRoots:
             if g[0] <= np.abs(g[1:]).sum():
                 self._enter(j, g, t, span, sign, self.roundoff_scale(j, t))
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):
-            # not up to there: look again with the level as it is then, for it never falls below that
+            # no root up to there: bound the next one with the static coefficient at that time, for it never falls
             self.is_root[j] = False
             span = self._until(j) - until
             row = np.array([j])
@@ -307,13 +308,13 @@ class NextRoots:
         g *= self._units(span, g.shape[1])
         for place, size in enumerate(sizes.tolist()):
             if g[place, 0] <= np.abs(g[place, 1:]).sum():
-                # a border that is left is measured from where it is at the start
+                # a border that leaves 0 is measured from its value at the start
                 border = int(borders[place])
                 floor = self._slope_size(j, border) if self._zeros[border] == 1 else size
                 self._enter(j, g[place], t, span, place, floor)
 
     def crosses(self, j: int, t: float) -> bool:
-        """Tell whether a gap goes on beyond the border that it comes to at time `t`, clearly so; no stop does."""
+        """Tell whether a gap clearly goes on beyond the border that it comes to at time `t`; a stop never does."""
         if self._system.is_stop[j]:
             return False
         row = np.array([j])
@@ -330,7 +331,7 @@ class NextRoots:
             self.when[j], self.is_root[j], self.direction[j] = t + span * root, True, side
 
     def roundoff_scale(self, j: int, t: float) -> float:
-        """Return what a guard has the roundoff of."""
+        """Return the size of which the roundoff of a row's guards is a part."""
         parts = self._parts
         forest = parts.forest
         if parts.mode[j] == 0:
@@ -347,7 +348,7 @@ class NextRoots:
     def opens_up(self, rows: Indices, t: float) -> tuple[Indices, Indices]:
         """Return the open rows at rest among some that begin to move at time `t`, and those where that is not clear.
 
-        The first show where they move from then on.
+        From then on the labels of the first show where they move.
         """
         parts, forest = self._parts, self._parts.forest
         moved, unclear = [], []
@@ -378,7 +379,7 @@ class NextRoots:
 
 
 def _risen(g: Array, lag: float, rate: float, normal: Array) -> Array:
-    """Return a guard less what its level lacks, ``lag exp(-rate s)`` of the normal force; more terms where needed."""
+    """Return a guard less what its dwell withholds, ``lag exp(-rate s)`` times the normal force, with enough terms."""
     found = np.zeros(max(g.size, _TERMS_WITH_DWELL))
     found[: g.size] = g
     decay = lag * np.cumprod(np.append(1.0, -rate / np.arange(1.0, found.size)))

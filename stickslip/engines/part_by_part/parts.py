@@ -1,8 +1,8 @@
 """The series of a scene part by part: every body and row has its own, from the last event that reached it on.
 
-Bodies that held rows join are a group: one velocity. A knot is a group, too, though its bodies may have many. A
-change is expanded anew on a `Patch`, the groups that it reaches within the time for which series hold; the series of
-all others go on.
+Bodies that held rows join are a group, with one velocity. A knot is a group, too, though its bodies may have different
+velocities. After an event only a `Patch` is expanded anew: the groups that the event reaches within the time for which
+series hold. The series of all others go on.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_MANY = 120  # bodies in a patch from which its matrices are sparse
+_MANY = 120  # bodies in a patch beyond which its matrices are sparse
 
 
 class Patch(NamedTuple):
-    """Bodies that an event reaches, and what they feel of all others."""
+    """Bodies that an event reaches, and the forces of all others on them."""
 
     t: float
     bodies: Indices  # (k,)
@@ -38,8 +38,8 @@ class Patch(NamedTuple):
     x: Array
     coupling: Array  # (k,): force of springs and dampers on each at `t`
     both: Any  # (k, 2 k): forces of springs and dampers from velocities and positions within
-    outer: Array  # (k, order + 1): series of the force from bodies without
-    # what each body, by its place in the patch, is coupled to
+    outer: Array  # (k, order + 1): series of the force from bodies outside
+    # couplings: the place of a body in the patch, and the body that it is coupled to
     row: Indices
     near: Indices
 
@@ -64,24 +64,24 @@ class Parts:
     position, origin : array (n,)
         Position and time at which they begin.
     watched : array (m, order + 1)
-        The same of what a row watches: the force of a held one, the stretch of a gap, the relative velocity of any
-        other.
+        Taylor coefficients of what each row watches: the force of a held row, the stretch of a gap, the relative
+        velocity of any other.
     started : array (m,) of bool
         Moving rows that start from rest, and gaps that have just come into their regions.
     mode : array (m,)
-        Modes of rows as the equations know them, but 0 where they carry their level.
+        Modes of rows as the equations have them, but 0 for rows that carry their level.
     at_level : array (m,)
-        AT_HIGH or AT_LOW there, 0 elsewhere.
+        AT_HIGH or AT_LOW for rows that carry their level, 0 for others.
     any_at_level : bool
         Whether there are such rows.
     elastic : Elastic
-        What gaps do.
+        Regions and forces of gaps.
     groups : Groups
         Which bodies move together.
     prescribed : Prescribed
-        What loads and drives do.
+        Loads and drives.
     end : float
-        Until when series of what springs and dampers move hold.
+        Time until which the series of bodies that springs, dampers or sines move hold.
     """
 
     def __init__(self, forest: Forest, knots: Knots, motion: Motion, labels: Modes, work: Work) -> None:
@@ -91,7 +91,7 @@ class Parts:
         self.inertia, self.mu = system.inertia, system.mu_c
         self._knots, acts = knots.at(equations), system.Q
         if self._knots:
-            # there friction is among what inputs do
+            # in knots friction is among the forces of the inputs
             acts = acts + friction_on(equations, knots.rows)
         self.prescribed = prescribed = Prescribed(forest, motion, acts)
         self.stop, self.unit, self.has_series = prescribed.stop, prescribed.unit, prescribed.has_series
@@ -100,7 +100,7 @@ class Parts:
         self._inverse = 1.0 / self._ascending
         self._factorial = np.cumprod(np.append(1.0, self._ascending))
         self.elastic = Elastic(forest, system.piecewise, equations.regions)
-        # whether none moves alone, whatever gaps do
+        # whether couplings or sines act on every body, whatever gaps do
         self._all_bend = bool((forest.coupled | prescribed.feels_sines).all())
         self._given = prescribed.force.copy()
         self._given[:, 0] += self.elastic.constant
@@ -133,7 +133,7 @@ class Parts:
 
     @property
     def is_bent(self) -> Mask:
-        """Which bodies follow no polynomial: what couplings or sines act on, or drives with sines lead."""
+        """Bodies that follow no polynomial: couplings or sines act on them, or drives with sines lead them."""
         lead, prescribed = self.groups.lead, self.prescribed
         free = lead == UNLED
         bent = np.asarray(prescribed.bends_with[lead] if prescribed.drives_have_sines else free)
@@ -141,12 +141,12 @@ class Parts:
             return bent
         bent = bent & (~free | self.elastic.coupled | prescribed.feels_sines)
         if self.forest.row_of is None:
-            # what moves with others is bent as they are
+            # a body is bent if any body of its group is
             bent[self.groups.sharing(bent)] = True
         return np.asarray(bent)
 
     def bends(self, bodies: Indices) -> bool:
-        """Tell whether the series of some bodies hold for a while only."""
+        """Tell whether the series of some bodies hold for a limited time only."""
         if not self.has_series:
             return False
         prescribed, lead = self.prescribed, self.groups.lead[bodies]
@@ -159,7 +159,7 @@ class Parts:
         """Enter the friction of moving rows among the forces on some bodies."""
         forest = self.forest
         if forest.row_of is not None and bodies.size == 1:
-            # most events of a fault are of this kind: by the road below each would take a tenth longer
+            # a short cut for most events of a fault: the general way below would make each a tenth slower
             i = int(bodies[0])
             j = int(forest.row_of[i])
             mode = int(self.mode[j]) if j >= 0 else 0
@@ -190,7 +190,7 @@ class Parts:
         return self.forest.rows[spans(self.forest.rows_from, bodies)]
 
     def pass_borders(self, rows: Indices, places: Modes) -> Indices:
-        """Let gaps go on beyond a border each, by its place among those of the region; return the groups they join."""
+        """Let gaps go on beyond one border each, given by its place in the region; return the groups at their ends."""
         elastic = self.elastic
         gaps = elastic.number[rows]
         bodies = elastic.enter(gaps, elastic.beyond(gaps, places))
@@ -227,7 +227,7 @@ class Parts:
         return found
 
     def _with_led_gaps(self, force: Array, bodies: Indices, t: float) -> Array:
-        """Return series of forces on bodies with what gaps to drives do as these move."""
+        """Return series of forces on bodies with those added that gaps to drives exert as the drives move."""
         forest, prescribed = self.forest, self.prescribed
         counts = forest.gaps_from[bodies + 1] - forest.gaps_from[bodies]
         rows = forest.gaps_at[spans(forest.gaps_from, bodies)]
@@ -245,7 +245,7 @@ class Parts:
         return found
 
     def acceleration_size(self, i: int, t: float) -> float:
-        """Return what adds up in the acceleration of a body at time `t`: its roundoff is a part of it."""
+        """Return the summed sizes of the terms in the acceleration of a body at time `t`: roundoff is a part of it."""
         groups = self.groups
         lead = int(groups.lead[i])
         if lead != UNLED:
@@ -254,7 +254,7 @@ class Parts:
         return self.force_size(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
 
     def force_size(self, i: int, t: float) -> float:
-        """Return what adds up in the forces on a body, and on all that move with it, at time `t`."""
+        """Return the summed sizes of the forces on a body, and on all that move with it, at time `t`."""
         forest, bodies = self.forest, self.groups.bodies(int(self.groups.of[i]))
         places, own = spans(forest.near_from, bodies), self.forces_at(bodies, t)[:, 0]
         v, x = np.abs(self.at(forest.near[places], t))
@@ -264,11 +264,11 @@ class Parts:
     def levels(self, rows: Indices, t: float) -> Array:
         """Return the series of breakaway levels from time `t` on, forward and backward (2, k, terms).
 
-        Levels that rise with the dwell count as they are; they change with the normal forces.
+        Static coefficients that rise with the dwell stay as they are at `t`: levels change with the normal forces only.
         """
         static = self.system.mu_s[:, rows]
         if self._any_dwells and (some := self.dwells[rows]).any():
-            # what static coefficients lack until their dwell is over
+            # the part of static coefficients that the dwell still withholds
             dwell = np.where(some, self.system.dwell[rows], 1.0)
             static -= self.system.rise[:, rows] * np.exp(-(t - self.since[rows]) / dwell)
         return np.asarray(static[:, :, None] * self.prescribed.normals(rows, t))
@@ -285,7 +285,7 @@ class Parts:
         return y
 
     def some_states(self, states: Indices, times: Array) -> tuple[Array, Array]:
-        """Return states at many times, a column each, from the series that hold now, and what adds up in them.
+        """Return states at many times, a column each, from the series that hold now, and the sizes of their terms.
 
         All other states are 0.
         """
@@ -308,9 +308,9 @@ class Parts:
         return y, sizes
 
     def gained(self, states: Indices, t: float) -> Array:
-        """Return what forces add up to in velocities among some states, in the time unit of the series from `t` on.
+        """Return how far the summed sizes of forces at `t` change velocities among some states in the time `unit`.
 
-        All other states gain 0.
+        For all other states it is 0.
         """
         found = np.zeros(self.system.size)
         for i in states[states < self.system.n].tolist():
@@ -333,7 +333,7 @@ class Parts:
         return self.groups.reach(groups, self.elastic.neighbours)
 
     def patch(self, bodies: Indices, t: float) -> Patch:
-        """Return what decides how some bodies go on at time `t`."""
+        """Return some bodies at time `t` with all that decides how they go on."""
         v, x = self.at(bodies, t)
         k = bodies.size
         if not self.has_series:
@@ -360,7 +360,7 @@ class Parts:
         return Patch(t, bodies, v, x, both @ np.concatenate([v, x]) + outer[:, 0], both, outer, rows, near)
 
     def _positions_about(self, bodies: Indices, t: float) -> Array:
-        """Return the positions of bodies as series about `t`, which have a term more."""
+        """Return the positions of bodies as series about `t`, with a term more than velocities."""
         x = np.empty((bodies.size, self.velocity.shape[1] + 1))
         x[:, 0] = self.position[bodies]
         np.multiply(self.velocity[bodies], self.unit * self._inverse[:-1], out=x[:, 1:])
@@ -368,7 +368,7 @@ class Parts:
         return shifted(x, s) if s.any() else x
 
     def expand(self, patch: Patch, v: Array) -> tuple[Indices, Array]:
-        """Expand the bodies of a patch anew from velocities `v`, and what their rows watch.
+        """Expand the bodies of a patch anew from velocities `v`, and the quantities that their rows watch.
 
         Returns all rows of these bodies, and those of them that are held.
         """
@@ -452,12 +452,12 @@ class Parts:
         order = series.shape[1] - 1
         fixed = patch.outer
         fixed[:, : push.shape[1]] += push
-        # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
+        # derivatives by time over `unit`, i! times the coefficients: one map leads from each to the next
         factorial = self._factorial[: order + 1, None]
         given = fixed[:, :order].T * factorial[:-1]
         if not self.prescribed.drives_have_sines:
             given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
-        # what drives lead follows them
+        # bodies that drives lead follow these
         factor, led = unit * share, series[:, 1 : 1 + len(given)].T * factorial[1 : 1 + len(given)]
         if own is not None:
             given = np.array([np.bincount(own, g)[own] for g in given])
@@ -486,7 +486,7 @@ class Parts:
             for knot, at in knots:
                 step[at] = unit * (knot.mobility @ both[at])
             step[np.arange(k, 2 * k), np.arange(k)] = unit
-            # a function around it would take as long as the product itself
+            # the method itself: a function around it would take as long as the product
             follow = step.dot
 
         for now, following, rates, part in zip(lines, lines[1:], z[1:, :k], given, strict=False):
@@ -500,7 +500,7 @@ class Parts:
         return fixed[:, :order]
 
     def _watch(self, patch: Patch, rest: Array, groups: Indices) -> tuple[Indices, Array]:
-        """Enter what the rows of a patch watch: forces of held rows, relative velocities of all others."""
+        """Enter the quantities that rows of a patch watch: forces of held rows, relative velocities of all others."""
         forest, t, bodies = self.forest, patch.t, patch.bodies
         rows = distinct(self.rows_at(bodies))
         place = self._place
@@ -547,7 +547,7 @@ class Parts:
         return distinct(rows[self._is_loose[rows]])
 
     def _about(self, bodies: Indices, t: float) -> Array:
-        """Return the velocities of bodies as series about `t`; those just expanded are."""
+        """Return the velocities of bodies as series about `t`; those of bodies just expanded are so already."""
         v = self.velocity[bodies]
         s = (t - self.origin[bodies]) / self.unit
         moved = s.nonzero()[0]
@@ -569,7 +569,7 @@ class Parts:
         return found
 
     def live_rows(self, patch: Patch, rows: Indices) -> Mask:
-        """Tell which rows of a patch watch what springs or dampers move: their series hold for a while only."""
+        """Tell which rows of a patch watch bodies that couplings or sines move: their series hold until `end` only."""
         if not self.has_series:
             return np.zeros(rows.size, dtype=bool)
         forest, bodies = self.forest, patch.bodies

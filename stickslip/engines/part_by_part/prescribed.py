@@ -1,4 +1,4 @@
-"""What loads and drives do to a scene that is followed part by part: straight in time, but for sines."""
+"""The loads and drives of a scene that is followed part by part: straight lines in time, plus sines."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Prescribed:
     has_series : bool
         Whether springs, dampers or sines move bodies: else all is a polynomial.
     unit : float
-        Series are in powers of the time over it.
+        Series are in powers of the time over this unit.
     has_sines : bool
         Whether there are sines.
     feels_sines : array (n,) of bool
-        Bodies that sines reach at once: by a force, or by what a row of theirs watches.
+        Bodies that sines reach directly: by a force, or by a normal force or a drive of one of their rows.
     bends_with : array (d + 2,) of bool
-        Whether what leads a body makes it no polynomial: each drive, nothing, the ground.
+        Whether a body need not follow a polynomial, for each lead: the drives, nothing, the ground.
     normal : array (m, 2)
         Normal forces at the start and their slopes, without sines.
     normals, drive_velocities : LinesWithSines
@@ -43,7 +43,7 @@ class Prescribed:
     force : array (n, 3)
         Forces on bodies in powers of the time since the start, without sines.
     drive_size : array (d,)
-        What adds up in the velocities of drives.
+        Summed sizes of the terms in the velocities of drives.
     """
 
     def __init__(self, forest: Forest, motion: Motion, acts: Any) -> None:
@@ -93,14 +93,14 @@ class Prescribed:
         self.bends_with = np.concatenate([self._drives.moves, [True, False]])
 
     def sine_forces(self, bodies: Indices, t: float) -> Array:
-        """Return what sines push some bodies with, as series about `t`."""
+        """Return the forces of sines on some bodies as series about `t`."""
         found = self._bodies.series(bodies, t, self._terms, self.unit)
         if self._springs.any:
             found += self._springs.series(bodies, t, self._terms, self.unit)
         return found
 
     def normal_at(self, j: int, t: float) -> float:
-        """Return one normal force without its sines at time `t`: its size."""
+        """Return one normal force at time `t` without its sines, as a measure of its size."""
         return float(self.normal[j, 0] + (t - self.start) * self.normal[j, 1])
 
     @property
@@ -131,5 +131,5 @@ class Prescribed:
         return found
 
     def drive_acceleration_size(self, k: int) -> float:
-        """Return what adds up in the acceleration of a drive."""
+        """Return a size for the acceleration of a drive: that without sines, plus the size of the velocity."""
         return float(np.abs(self.drives.velocity[k, 1]) + self.drive_size[k])

@@ -16,9 +16,10 @@ from stickslip.model.arrays import Array, Indices, Mask
 
 @dataclass(frozen=True)
 class SineShares:
-    """What sines add to each of many things: those of thing i stand from ``firsts[i]`` on, with their `shares`.
+    """What sines add to each of many things (bodies, rows or drives).
 
-    With `since` it is what they have added up to since then.
+    The sines of thing i stand from ``firsts[i]`` on, with their `shares`. With `since`, their integrals from that time
+    on are added instead.
     """
 
     sines: Sines
@@ -28,18 +29,18 @@ class SineShares:
 
     @classmethod
     def of(cls, sines: Sines, acts: Any, since: float | None = None) -> SineShares:
-        """Return them from a matrix with a row for each thing and a column for each sine."""
+        """Return shares from a matrix with a row for each thing and a column for each sine."""
         acts = scipy.sparse.csr_array(acts)
         return cls(sines.some(acts.indices), acts.indptr.astype(np.intp), acts.data, since)
 
     @classmethod
     def none(cls, count: int) -> SineShares:
-        """Return so many things without sines."""
+        """Return the shares of so many things without sines."""
         return cls(NO_SINES, np.zeros(count + 1, dtype=np.intp), np.empty(0))
 
     @classmethod
     def among(cls, sines: Sines, things: Indices, count: int) -> SineShares:
-        """Return them where each sine is a part of the thing with its number; others than `count` are nothing here."""
+        """Return shares where sine k is a part of thing ``things[k]``; leave out numbers beyond the `count` things."""
         own = ((things >= 0) & (things < count)).nonzero()[0]
         if not own.size:
             return cls.none(count)
@@ -48,12 +49,12 @@ class SineShares:
 
     @cached_property
     def any(self) -> bool:
-        """Whether there are any."""
+        """Whether any thing has sines."""
         return self.shares.size > 0
 
     @property
     def moves(self) -> Mask:
-        """Which things have any."""
+        """Which things have sines."""
         return np.asarray(np.diff(self.firsts) > 0)
 
     @property
@@ -64,7 +65,7 @@ class SineShares:
         return np.asarray(np.bincount(own, size, self.firsts.size - 1), dtype=float)
 
     def series(self, things: Indices, t: float, terms: int, unit: float) -> Array:
-        """Return what is added to some things from time `t` on: Taylor coefficients over `unit`, a row for each."""
+        """Return what sines add to some things from time `t` on: Taylor coefficients over `unit`, a row for each."""
         found = np.zeros((things.size, terms))
         places = spans(self.firsts, things)
         if places.size:
@@ -87,7 +88,7 @@ class LinesWithSines:
     start: float
     sines: SineShares
     unit: float
-    terms: int  # where they have sines; lines have two
+    terms: int  # of each series where there are sines; lines have two
 
     def __call__(self, things: Indices, t: float) -> Array:
         """Return the series of some things from time `t` on, a row for each."""

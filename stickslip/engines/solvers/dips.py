@@ -1,9 +1,9 @@
-"""Looking at guards between computed points, where root finding by sign changes is blind.
+"""Look at guards between computed points, where root finding by sign changes is blind.
 
-Two crossings inside one step leave no change of sign: where a guard dips below zero and comes back, the first
-point at which it is negative is found here; `passing` finds where it was 0. A velocity that only touches 0 is told
-from one that does not come down to it as far as the solver's errors allow. Only steps are looked at in which a bound
-does not exclude both.
+Two crossings inside one step leave no change of sign. Where a guard dips below 0 and comes back, this module finds the
+first place at which it is negative; `passing` finds where it was 0. It also finds velocities that only touch 0, as far
+as the solver's errors allow to distinguish them from those that turn above 0. Steps in which a bound excludes both are
+left out.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ import scipy
 from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.model.arrays import Array, Mask
 
-# About the quarters of a step, not evenly: what repeats itself from one to the next is no line.
+# Near the quarters of a step, but not even: at even places an oscillation may look like a line.
 _PLACES = np.array([0.0, 0.23, 0.49, 0.77, 1.0])
 
-_THIRD = np.zeros((5, 2))  # weights of the two third differences there
+_THIRD = np.zeros((5, 2))  # weights of the two third differences at these places
 _THIRD[:4, 0], _THIRD[1:, 1] = (
     6 / 4**3 / np.prod(some[:, None] - some + np.eye(4), axis=1) for some in (_PLACES[:4], _PLACES[1:])
 )
 
-# How often a step is halved at most in which they do not tell what a guard does, and how many parts are looked at.
+# How often a step is halved at most in which third differences are large, and of how many parts at once at most.
 _HALVINGS, _AT_MOST = 12, 1000
 
-_TOLD = 0.1  # third differences of a guard over a step, as a part of its range there, that tell what it does
-_FAR = 0.1  # the same as a part of what it is above 0
-_LATE = 1e-3  # part of the last step from its end at which guards are looked at, too
+_TOLD = 0.1  # third differences up to this part of a guard's range in a step are small
+_FAR = 0.1  # and so are those up to this part of its least value there
+_LATE = 1e-3  # guards are also looked at this part of the last step before its end
 _SUSPICION = 5e-2
 _DWELLS = np.geomspace(0.02, 40.0, 24)
 
-# Part of what is uncertain that a velocity keeps at the most where it touches 0: errors seldom add up fully.
+# A velocity that turns within this part of its uncertainty above 0 touches 0: errors seldom add up fully.
 _TOUCHES = 0.1
 
-# From so many times what is uncertain a velocity has to come down first, or a touch is not told from a ripple.
+# A velocity must first come down from so many times that distance: else a touch may be a ripple.
 _FROM_ABOVE = 1e2
 
 
@@ -54,7 +54,7 @@ def first_dip(along: GuardsAlong) -> Dip | None:
     touch = _TOUCHES * np.where(guards.stick_at_touch, guards.uncertain, 0.0)
     close = low <= touch[:, None]
     if along.path.hit and along.falls_at_end(close[:, -1]):
-        # what comes down to 0 at the end does so once
+        # guards that fall throughout the last step come to 0 only once, at the end
         close[:, -1] = False
     rows, some = np.flatnonzero(close.any(axis=1)), np.asarray(close.any(axis=0))
     if not rows.size:
@@ -62,7 +62,7 @@ def first_dip(along: GuardsAlong) -> Dip | None:
     if not along.is_exact(rows):
         rows = np.arange(guards.size)
     low, touch = low[rows], touch[rows]
-    # a turn shows beside its neighbours
+    # a turn is found by comparing samples: look at the neighbouring steps, too
     some[:-1] |= some[1:]
     some[1:] |= some[:-1]
 
@@ -75,7 +75,7 @@ def first_dip(along: GuardsAlong) -> Dip | None:
         looks, which = np.unique(np.append(looks, extra := extra[extra < taus[-1]]), return_index=True)
         ends = np.hstack([ends, values(extra)])[:, which]
     if along.path.hit and some[-1]:
-        # whether a guard that is not negative at the end rises there
+        # to see whether a guard that is not negative at the end rises there
         late = np.array([taus[-1] - _LATE * (taus[-1] - taus[-2])])
         looks, ends = np.insert(looks, -1, late), np.insert(ends, -1, values(late)[:, 0], axis=1)
     begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
@@ -86,22 +86,22 @@ def first_dip(along: GuardsAlong) -> Dip | None:
     tau, row = found
     if row is None:
         return None if along.path.hit and tau >= taus[-1] else Dip(tau)
-    # by as much as is uncertain the place of the minimum is, too, where a zero is divided out
+    # the place of the minimum is that of the guard itself, without its leeway
     place = int(looks.searchsorted(tau))
     left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
     return Dip(_lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]]))
 
 
 def _highest(looks: Array, values: Array, low: Array, taus: Array) -> Array:
-    """Return from how high up guards have come down by each look: of steps that need none it is what they are above."""
+    """Return the largest known value of each guard up to each look, from its values and its lower bounds in steps."""
     reached = np.maximum.accumulate(np.where(np.isfinite(values), values, -np.inf), axis=1)
     return np.asarray(np.maximum(reached, np.maximum.accumulate(low, axis=1)[:, taus.searchsorted(looks) - 1]))
 
 
 def _looks(guards: Callable[[Array], Array], bend: Mask, left: Array, right: Array) -> tuple[Array, Array]:
-    """Return places in some steps, and in their parts where guards that `bend` turn between these; and the guards.
+    """Return places in some steps, and the guards there; halve steps in which guards that `bend` are not resolved.
 
-    A solver's error test tells nothing of a function of states that nothing in motion feels: a normal force on a
+    A solver's error test does not see a function of states that does not act on the motion: the normal force on a
     contact at rest may rise and fall many times within a step.
     """
     places, values = [], []
@@ -121,7 +121,7 @@ def _looks(guards: Callable[[Array], Array], bend: Mask, left: Array, right: Arr
         left, right, middle = left[turns], right[turns], taus[turns, 2]
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
     found, which = np.unique(np.concatenate(places), return_index=True)
-    # at its start a motion obeys its modes
+    # the start is left out: there a motion obeys its modes
     return found[found > 0], np.hstack(values)[:, which[found > 0]]
 
 
@@ -130,11 +130,11 @@ def _first_negative(
 ) -> tuple[float, int | None] | None:
     """Return the first sampled time with a negative guard, refining where one comes close and turns.
 
-    A guard that turns within `touch` of 0, of each guard and time, touches it: then its number comes second.
+    A guard that turns above 0, but within `touch` (guards, times), touches 0: then its number comes second.
     """
     negative = np.flatnonzero(values.min(axis=0, initial=np.inf) < 0)
     found = (float(taus[negative[0]]), None) if negative.size else None
-    # another guard may have turned before: the sample behind the first negative one tells
+    # another guard may have turned before that; to see this takes the sample behind the first negative one
     seen = min(int(negative[0]) + 2, taus.size) if negative.size else taus.size
     if seen < 3:
         return found

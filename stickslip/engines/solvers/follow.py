@@ -1,4 +1,4 @@
-"""Follow a motion with a solver of SUNDIALS: also to events between its points; what was computed is never lost."""
+"""Follow a motion with a solver of SUNDIALS, also to events between its points; keep what it computed if it fails."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ _STEPS_PER_PERIOD = 8
 _ROOT = 2  # the status of a solver that has been stopped by a guard
 _FIRST = 1e-3  # longest first step as a part of the time ahead
 
-# Steps that are many to be lost, and how many times as far as where the event was to go the next time.
+# After more than so many steps beyond an event are lost, the next path goes at most so many times as far as the event.
 _LOST, _FARTHER = 200, 2.0
 
-# So many steps creep that lead over less than this part of the time ahead.
+# A solver creeps if so many steps lead over less than this part of the time ahead.
 _MANY, _NOWHERE = 1000, 1e-3
 
-_ATTEMPTS = 3  # how often in a row a solver goes on from a point before one at which something failed
+_ATTEMPTS = 3  # how often in a row a motion goes on from shortly before a failure
 
-# How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most.
+# How far to go again after a failure, as parts of the time of the failure. Steps grow tenfold at most.
 _SHORT = (0.9, 0.5, 0.25, 0.1)
 
 
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
-    """Return the longest step in s: a part of the loads' period, or a solver at rest steps over what happens.
+    """Return the longest step in s, 0 for no limit, as in SUNDIALS.
 
-    It is 0 for none, as SUNDIALS has it.
+    It is a part of the loads' period: a solver at rest might step over a load that comes and goes.
     """
     longest = max_step if motion.segment.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
     return longest if np.isfinite(longest) else 0.0
@@ -55,7 +55,7 @@ def first_step(motion: Motion, rtol: float, atol: Array) -> float:
 
 
 class LookAhead:
-    """How far a solver goes before its points are looked at: what it computes beyond an event between them is lost."""
+    """How far a solver goes before guards between its points are looked at: points beyond an event there are lost."""
 
     def __init__(self) -> None:
         self.longest = np.inf
@@ -65,7 +65,7 @@ class LookAhead:
         """Time in s up to which a solver has crept the last time."""
 
     def note(self, path: Path, missed: float | None) -> None:
-        """Note when a path had an event that the solver did not see: where much was lost, the next ones are shorter."""
+        """Note the time of an event that the solver `missed` on a path: where much was lost, next paths are shorter."""
         self.longest *= _FARTHER
         if missed is not None and path.taus.size - path.taus.searchsorted(missed) > _LOST:
             self.longest = _FARTHER * missed
@@ -74,10 +74,10 @@ class LookAhead:
 class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
-    It stops it too where tables have left their regions, and where it creeps: what has come to rest in a finite time,
-    as under a force that grows like the root of the speed, is seen at rest only once its points are looked at. Where
-    nothing was, the solver goes on from there.
-    `end` is that point: local time in s and unknowns.
+    It also stops the solver where tables have left their regions, and where it creeps. A body may come to rest in a
+    finite time, as under a force that grows like the root of the speed; its rest is found only when the path is looked
+    at. If nothing has come to rest, the next solver goes on from there and may creep.
+    `end` is the point at which the solver is stopped: local time in s and unknowns.
     """
 
     def __init__(self, guards: Guards, interruption: Interruption, work: Work, look_ahead: LookAhead) -> None:
@@ -90,9 +90,9 @@ class Lookout:
         """Whether it has found a guard negative."""
 
     def at(self, tau: float, y: Array, unknowns: Array) -> float:
-        """Return what the solver is told of the guards in a state, of which it knows `unknowns`."""
+        """Return the guard that the solver is to see in a state; `unknowns` are the solver's own variables there."""
         if self.end is not None:
-            # where the root is follows from the path: the solver need not look for it
+            # the root is found on the path later: end the solver's own search for it
             return 0.0
         self._work.guard_calls += 1
         value = sound(self._guards.smallest(tau, y), tau)
@@ -103,7 +103,7 @@ class Lookout:
         return -1.0 if ends else value
 
     def _creeps(self, tau: float) -> bool:
-        """Tell whether the last steps, which were many, have led next to nowhere."""
+        """Tell whether the last steps, many of them, have covered next to no time."""
         self._calls += 1
         if self._goes_on or self._calls % _MANY:
             return False
@@ -117,13 +117,13 @@ class Lookout:
         """Return local times and unknowns at the ends of the steps that a solver has taken."""
         taus, points = solution.t, solution.y
         if solution.status < 0 and taus.size > 1:
-            # the last point has been returned twice
+            # after a failure the last point stands twice
             taus, points = taus[:-1], points[:-1]
         if self.end is None:
-            # they are parts of arrays for many more steps
+            # copies, because these are parts of arrays with room for many more steps
             return taus.copy(), points.copy()
         if solution.status == _ROOT:
-            # the last one is no end of a step: it is where the solver would have the root that it was told of
+            # the last point is not the end of a step: it is the root that the solver took from the guards it was given
             taus, points = taus[:-1], points[:-1]
         before = int(taus.searchsorted(self.end[0]))
         return np.append(taus[:before], self.end[0]), np.concatenate([points[:before], self.end[1][None]])
@@ -139,8 +139,8 @@ def follow(
 ) -> Path:
     """Advance to the first event, also where it lies between computed points, or as far as the solver may go.
 
-    ``solve(horizon, progress)`` advances to the first point at which a guard is negative. What is handed over where
-    that fails or is interrupted ends at the first event, too.
+    ``solve(horizon, progress)`` advances to the first point at which a guard is negative. If it fails or is
+    interrupted, the path that is handed over ends at the first event, too.
     """
     try:
         path = _protected(motion, min(horizon, look_ahead.longest), solve, interruption, look_ahead)
@@ -155,7 +155,7 @@ def follow(
 
 
 def _to_first_event(motion: Motion, guards: Guards, path: Path, look_ahead: LookAhead) -> Path:
-    """Return a path up to the first event on it, whether the solver has seen that or not."""
+    """Return a path up to the first event on it, whether the solver has seen this event or not."""
     if not guards.size or path.taus.size < 2:
         return path
     along = GuardsAlong(motion, guards, path)
@@ -177,8 +177,8 @@ def _protected(
 ) -> Path:
     """Advance; where that fails, hand over what was computed before.
 
-    Solvers try states that the motion may not come to, far beyond rest, say. So what fails is asked again with the
-    shorter steps of a new start, from a point shortly before.
+    Solvers try states that the motion may never come to, for example far beyond rest. So after a failure the motion
+    goes on from a point shortly before, with the shorter steps of a new start.
     """
     progress = Progress(horizon, interruption)
     try:

@@ -1,4 +1,4 @@
-"""The guards along a path: polynomials where they are linear in states and time, computed from the states else."""
+"""The guards along a path: polynomials where they are linear in states and time, else computed from the states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stickslip.model.crossings import root_between
 class GuardsAlong:
     """The guards of a motion along its path.
 
-    `low` is what no guard goes below in each step, -inf where that is not known; `are_exact` tells which guards are
+    `low` are lower bounds of the guards in each step, -inf where none is known; `are_exact` says which guards are
     polynomials.
     """
 
@@ -23,9 +23,9 @@ class GuardsAlong:
         self._coefficients, self.are_exact, self.low = guards.along(path)
 
     def falls_at_end(self, rows: Mask) -> bool:
-        """Tell whether it is sure that some guards fall throughout the last step.
+        """Tell whether some guards certainly fall throughout the last step.
 
-        The derivative of the Chebyshev polynomial of degree k is not beyond k^2.
+        The derivative of the Chebyshev polynomial of degree k is at most k^2 in size.
         """
         if not self.are_exact[rows].all():
             return False
@@ -38,9 +38,9 @@ class GuardsAlong:
         return bool(self.are_exact[rows].all())
 
     def values(self, rows: Indices, taus: Array, late: bool = False) -> Array:
-        """Return some guards at local times, one row each; those that leave 0 are not divided.
+        """Return some guards at local times, one row each; zeros at the start are not divided out.
 
-        If `late`, velocities have passed 0 once they are beyond what is uncertain.
+        If `late`, the leeway is added: a guard has passed 0 once it is beyond 0 by more than that.
         """
         path, guards = self.path, self.guards
         if self.is_exact(rows):
@@ -54,12 +54,12 @@ class GuardsAlong:
         if late:
             found += guards.leeway[rows, None]
         if guards.told >= 0:
-            # up to there the sign of what leaves 0 is roundoff
+            # up to this time the sign of a guard that leaves 0 is roundoff
             found[:, taus <= guards.told] = np.inf
         return found
 
     def root(self, row: int, step: int, right: float, late: bool) -> float:
-        """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
+        """Return where in a step a guard falls through 0: at its start it is not negative, and at `right` it is."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
         if self.are_exact[row] and left > self.guards.told:
             coefficients = self._coefficients[row, step].tolist()
@@ -73,7 +73,7 @@ class GuardsAlong:
             def value(tau: float) -> float:
                 return float(self.values(np.array([row]), np.array([tau]), late)[0, 0])
 
-        # at both ends signs may be roundoff
+        # the signs at both ends may be roundoff
         if value(left) <= 0:
             return left
         return root_between(value, left, right) if value(right) < 0 else right

@@ -1,7 +1,7 @@
 """Which linear solver CVODE is given, and how the exact Jacobian is handed to it.
 
 Small systems are dense. Large ones are banded where an ordering of the states makes the band narrow, as for every
-chain; SUNDIALS' sparse solver is for what is left.
+chain. Others are dense up to a size, and beyond it left to SUNDIALS' sparse solver.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _NARROW = 0.25
 
 
 def band_order(system: System) -> Indices | None:
-    """Return an order of the states in which what is coupled stands close together, None for small systems."""
+    """Return an order of the states in which coupled states stand close together, None for small systems."""
     if system.size <= _DENSE_LIMIT:
         return None
     size, places = system.size, (system.moved_state, system.moved)
     joined = scipy.sparse.csr_array(system.abs_GT) @ scipy.sparse.csr_array(system.abs_G)
     joined.resize((size, size))
-    # ties go in the order of the entries
+    # of equal degrees the first entry decides: sort the entries, so that the order is always the same
     joined.sort_indices()
     springs = scipy.sparse.csr_array(system.piecewise.widest(system.C))
     springs.resize((size, size))
@@ -49,7 +49,7 @@ class LinearSolver:
         self._pattern: Any = None
 
     def hold(self, size: int, structure: Callable[[], Any]) -> bool:
-        """Make room for a Jacobian of some size and structure; return whether solvers made before have none."""
+        """Make room for a Jacobian of some size and structure; return whether earlier solvers have no room for it."""
         if size <= _DENSE_LIMIT:
             return self._become("dense", size)
         jacobian = structure()

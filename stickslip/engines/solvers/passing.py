@@ -1,11 +1,11 @@
-"""Where the guards have come to 0 that a path has left negative.
+"""Find where guards that are negative at the end of a path were 0.
 
 A solver stops behind the first point at which a guard is negative; the event is where that guard was 0. A velocity
-that touches 0 and turns, as that of a body which a sine moves from rest and back, dips below it by the solver's errors.
+that touches 0 and turns, as that of a body which a sine moves from rest and back, dips below 0 by the solver's errors.
 So the solver goes on until a velocity has passed 0 by more than these.
 
-What hardly leaves rest before it comes back is lost in the errors, too: a force that is beyond its level by 1e-10 of it
-for a moment. The solver may have it beyond 0 where it is still driven away from it.
+A body that hardly leaves rest before it comes back is lost in the errors, too: for example if a force is beyond its
+level by 1e-10 of it for a moment. The solver may find its velocity beyond 0 while it is still driven away from 0.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Indices
 from stickslip.model.crossings import root_between
 
-_FEW = 4  # points that are looked at together, the last first: a velocity is not beyond 0 for long
+_FEW = 4  # points that are looked at together, backwards from the end: a velocity is not negative for long
 
 
 def back_to_zero(along: GuardsAlong, end: float) -> Path:
-    """Return the path up to where the first of the guards was 0 that are negative at local time `end`."""
+    """Return the path up to the first place where a guard that is negative at local time `end` was 0."""
     guards = along.guards
     late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
     return _up_to_first(along, (late <= (1 - FULLY) * guards.leeway).nonzero()[0], end)
 
 
 def back_from_end(along: GuardsAlong, path: Path) -> Path:
-    """Return a path, or its part up to where a velocity has come to 0 that the motion drives on beyond it at the end.
+    """Return a path, cut where a velocity came to 0 that at the end is driven on beyond 0.
 
-    It is not beyond by more than is uncertain. But the next motion, as after a sample, would not know that it was ever
-    positive, and if motions are short it would never be beyond by that much.
+    Such a velocity is beyond 0 by no more than its uncertainty. But the next motion, as after a sample, would not know
+    that it was ever positive. If motions are short, it would never be beyond 0 by more than its uncertainty.
     """
     guards, end = along.guards, float(path.taus[-1])
     rows = guards.passing[guards.passing < guards.rows.slips]
@@ -47,10 +47,10 @@ def back_from_end(along: GuardsAlong, path: Path) -> Path:
 
 
 def _up_to_first(along: GuardsAlong, rows: Indices, end: float) -> Path:
-    """Return the path up to where the first of some guards was 0 that are negative at local time `end`."""
+    """Return the path up to the first place where one of some guards, negative at local time `end`, was 0."""
     path, found, guard = along.path, end, None
     for row in rows.tolist():
-        # what begins beyond 0 is told where it has passed what is uncertain
+        # a guard that is negative from the start on counts as 0 where it passes its leeway
         for beyond in (False, True):
             step = _last_before(along, row, end, beyond)
             if step is not None:
@@ -66,9 +66,10 @@ def _up_to_first(along: GuardsAlong, rows: Indices, end: float) -> Path:
 
 
 def _once_driven_back(along: GuardsAlong, i: int, root: float, end: float) -> float:
-    """Return the first time from a root of a guard on at which the motion drives a velocity down to 0.
+    """Return the first time from a root of a guard on at which the motion drives its velocity down.
 
-    One that comes to 0 falls. Where it does not, it is 0 by errors only, and has not been farther from it than these.
+    A velocity that comes to 0 falls. If it does not fall, it is at 0 by errors only, and has never been farther from 0
+    than these.
     """
     guards, path = along.guards, along.path
     if i not in guards.passing or not 0 < root < end:
@@ -88,7 +89,7 @@ def _once_driven_back(along: GuardsAlong, i: int, root: float, end: float) -> fl
 
 
 def _rising(along: GuardsAlong, i: int, tau: float) -> float:
-    """Return how fast the motion makes a velocity grow, and its roundoff."""
+    """Return how fast the motion makes a velocity grow, plus the roundoff of that."""
     motion, guards = along.motion, along.guards
     row, sign = int(guards.row[i]), float(guards.rows.sign[i])
     grows = sign * motion.relative_acceleration(tau, along.path.state(tau), row)
@@ -96,7 +97,7 @@ def _rising(along: GuardsAlong, i: int, tau: float) -> float:
 
 
 def _last_before(along: GuardsAlong, row: int, end: float, late: bool) -> int | None:
-    """Return the last point before `end` at which a guard is not negative, None where it was so from the start."""
+    """Return the last point before `end` at which a guard is not negative, None if there is none."""
     taus, rows = along.path.taus, np.array([row])
     last, count = int(taus.searchsorted(end)) - 1, _FEW
     while last >= 0:

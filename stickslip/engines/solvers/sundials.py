@@ -1,8 +1,8 @@
 """CVODE and IDA as scikit-sundae has them, but silent. The only importer of sksundae, which it loads when first used.
 
-What goes wrong comes back as a status; what SUNDIALS says about it besides goes to the logger "stickslip.sundials"
-at level DEBUG. Left alone, warnings would go to stderr and scikit-sundae would `print` errors, which spoils what a
-script writes to stdout.
+A failure comes back as a status; the messages of SUNDIALS about it go to the logger "stickslip.sundials" at level
+DEBUG. Otherwise warnings would go to stderr, and scikit-sundae would `print` errors, which spoils the output of a
+script to stdout.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def IDA(residual: Any, **options: Any) -> Any:
 
 def _made(which: int, function: Any, options: dict[str, Any]) -> Any:
     with warnings.catch_warnings():
-        # giving the pattern together with the exact Jacobian is meant
+        # scikit-sundae warns where a pattern is given together with a Jacobian, but both are needed
         warnings.simplefilter("ignore", UserWarning)
         return _loaded()[which](function, **options)
 
@@ -37,8 +37,8 @@ def _made(which: int, function: Any, options: dict[str, Any]) -> Any:
 @cache
 def _loaded() -> tuple[Any, Any]:
     os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
-    # compiled modules look up builtins once, when they are first imported: this one is to find another `print`, which
-    # it uses in its handler of SUNDIALS' errors and nowhere else
+    # Compiled modules look up builtins once, when they are first imported: this one is to find another `print`. It
+    # prints in its handler of SUNDIALS' errors and nowhere else.
     kept, builtins.print = builtins.print, _note
     try:
         import sksundae._cy_common  # noqa: F401
@@ -50,5 +50,5 @@ def _loaded() -> tuple[Any, Any]:
 
 
 def _note(*words: Any, **_: Any) -> None:
-    """Take what scikit-sundae would print."""
+    """Log what scikit-sundae would print."""
     _LOGGER.debug(" ".join(map(str, words)).strip())

@@ -1,13 +1,13 @@
 """Polynomials through the points that a solver computed.
 
-A step passes the solver's error test where the polynomial through the points before it foresees its end as far as the
-tolerances allow. So polynomials through points keep what the tolerances promise between them, too, if each has the
-degree up to which its terms fall: points in a layer that has ended say nothing of what follows, and points behind a
-kink say nothing of what was before. Rates at the points would say less than the points do: they have the errors of the
-states times the Jacobian.
+A step passes the solver's error test where the polynomial through the points before it predicts its end within the
+tolerances. So polynomials through points keep the tolerances between points, too, if each has the degree up to which
+its terms fall: points in a layer that has ended say nothing of what follows, and points behind a kink say nothing of
+what was before. Rates at the points are less accurate than the points: they have the errors of the states times the
+Jacobian.
 
-The steps of Adams methods are foreseen from rates, not from points: where few points of unequal steps tell too little,
-the rates at these are asked. They are no worse than the points, for a motion that is not stiff.
+Adams methods predict their steps from rates, not from points. Where few points of unequal steps leave too large an
+error, the rates at these points are used, too. They are no worse than the points, for a motion that is not stiff.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from stickslip.model.arrays import Array, Indices
 # Highest degree for the points of a method: about that of its own polynomials.
 _DEGREE = {"BDF": 6, "Adams": 12}
 
-# Error, as a part of the tolerance, from which on a higher degree adds nothing but the errors of the points.
+# Error, as a part of the tolerance, below which a higher degree adds nothing but the errors of the points.
 _NEGLIGIBLE = 1e-2
 
-_AHEAD = 2  # terms beyond a degree that tell its error: one alone may be small by chance
-_NO_STEP = 1e-6  # part of the steps before and after that a step has at least whose end tells something
-_SHORT = 1e-3  # part of a step beside it from which on a step is none that tells only roundoff
-_MOST_WITH_RATES = 7  # points around a step whose rates are asked at most
+_AHEAD = 2  # terms beyond a degree from which its error is estimated: one alone may be small by chance
+_NO_STEP = 1e-6  # the end of a step shorter than this part of both its neighbours is dropped
+_SHORT = 1e-3  # the end of a step of at least this part of its longer neighbour is kept, whatever its roundoff
+_MOST_WITH_RATES = 7  # points around a step whose rates are used at most
 _ORDER_WITH_RATES = 2 * _MOST_WITH_RATES - 1  # the order of the polynomial through these points and rates
 _ROUNDOFF = np.finfo(float).eps
 
@@ -66,10 +66,10 @@ def path_through(
 
 
 def _apart(taus: Array, points: Array, rtol: float) -> tuple[Array, Array]:
-    """Return points without those that a step of nothing between long ones leads to: their differences are roundoff.
+    """Return points without the ends of tiny steps between long ones: their differences are roundoff.
 
-    Over a longer step beside it, the slope that is told by a short one is uncertain by the roundoff of the states times
-    the ratio of both.
+    The slope over a short step has the roundoff of the states over its length. Over a longer step beside it, this grows
+    to the roundoff of the states times the ratio of both lengths.
     """
     steps = np.diff(taus)
     rough = min(_ROUNDOFF / rtol, _SHORT)
@@ -90,10 +90,11 @@ def through_points(
 ) -> Array:
     """Return Chebyshev coefficients (k, order + 1, size) of the states in each of the steps between `taus` (k + 1,).
 
-    In each step they are Newton's polynomial: through both its ends and the points around it. Where that leaves more
-    than the tolerance, it is tried on the points on one side alone, and then with the `rates` at these, by number.
+    They are those of Newton's polynomial through both ends of the step and the points around it. Where its error is
+    above the tolerance, the points on one side alone are tried, and then points with their `rates`, a function of the
+    number of a point.
 
-    The tolerance, relative and absolute, is what terms are measured in; `degree` is the highest.
+    Terms are measured in units of the tolerance, relative and absolute; `degree` is the highest.
     """
     if (count := taus.size - 1) == 0:
         return np.empty((0, 1, points.shape[1]))
@@ -159,14 +160,14 @@ def _differences(taus: Array, points: Array, tolerance: tuple[float, Any], highe
     """Return divided differences (order, points, size) from each point on, and their sizes in tolerances."""
     found = np.zeros((highest + 1, *points.shape))
     found[0] = points
-    # over the shortest of times they may be too large for a number
+    # over very short times they may overflow
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(1, highest + 1):
             np.subtract(found[k - 1, 1 : taus.size - k + 1], found[k - 1, :-k], out=found[k, :-k])
             found[k, :-k] /= (taus[k:] - taus[:-k])[:, None]
         parts = np.abs(found)
         parts /= tolerance[0] * np.abs(points) + tolerance[1]
-    # state by state: the largest of two or three numbers each would take long
+    # the maximum is taken state by state: to take it of the two or three numbers of each point would take long
     sizes = np.ascontiguousarray(parts.transpose(2, 0, 1)).max(axis=0)
     return found, sizes
 
@@ -176,10 +177,10 @@ def _newton(
 ) -> tuple[Indices, Indices, Array, Array]:
     """Choose points for the polynomials of some steps.
 
-    `sizes` are those of the divided differences; of the points beyond a step the part `before` lies before it, as long
+    `sizes` are those of the divided differences. Of the points outside a step the part `before` lies before it, as long
     as there are any there. Returned are for each step the best degree; for each degree up to the highest and each step
-    the first of the points; the points themselves, in the order in which they are added; and about the error with the
-    best degree, in tolerances.
+    the first of the points; the points themselves, in the order in which they are added; and an estimate of the error
+    with the best degree, in tolerances.
     """
     last = taus.size - 1
     top, most = min(degree, last), min(degree + _AHEAD, last)
@@ -187,7 +188,7 @@ def _newton(
     first = np.maximum(np.minimum(steps - behind, last - orders), 0)
     # each order adds the point on the side to which the window has grown
     nodes = taus[np.concatenate([first[:1], np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])])]
-    # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
+    # bounds of the products in the terms over the step: of (x - start) (x - end) it is a quarter of the squared length
     half = 0.5 * (nodes[1] - nodes[0])
     factors = np.abs(nodes[:-1] - (nodes[0] + half))
     factors += half
@@ -196,7 +197,7 @@ def _newton(
     with np.errstate(over="ignore", invalid="ignore"):
         terms[:most] = np.cumprod(factors, axis=0) * sizes[orders[1:], first[1:]]
     terms[np.isnan(terms)] = np.inf
-    # what is not known beyond the last term counts as no smaller than that
+    # unknown terms beyond the last one count as large as that
     terms[most:] = terms[most - 1]
     errors = np.maximum(terms[1 : 1 + top], terms[2 : 2 + top])
     enough = errors <= _NEGLIGIBLE
