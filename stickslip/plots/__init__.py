@@ -1,8 +1,8 @@
 """Drawings of results and studies.
 
 Each takes a result, the names of what to draw of it, and `ax`, the axes of matplotlib to draw on: by default those of a
-new figure of pyplot. It returns the axes. A name that the scene does not know is a ValueError, what is no result or no
-axes a TypeError.
+new figure of pyplot. It returns the axes. A name that the scene does not know raises a ValueError; an argument that is
+no result or no axes raises a TypeError.
 
 This module and its parts are the only ones that load matplotlib.
 """

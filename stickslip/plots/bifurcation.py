@@ -9,10 +9,10 @@ import numpy as np
 from stickslip.plots.style import AS_IT_IS, COLOURS, STUDY, check_is, own_axes, within_or_beside
 from stickslip.results.units import units
 
-# What marks each kind of point on a branch.
+# The marker of each kind of point on a branch.
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
 
-_ROOM = 0.7  # part of the width within which there is room on either side for what is said of a point
+_ROOM = 0.7  # a point less than this part of the width from both ends has room for its text on either side
 _NEAR = 1e-3  # part of the range of a branch over which its slope is looked at
 
 
@@ -20,7 +20,7 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     """Draw the bifurcation diagram of a branch: amplitudes of a body, by default periods; return the axes.
 
     Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line. Dark signs with names mark
-    where the kind of the cycles changes. What comes beyond a fold is drawn, too.
+    where the kind of the cycles changes. The branch beyond a fold is drawn, too.
 
     Parameters
     ----------
@@ -45,19 +45,19 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
             chosen = stable == wanted
             if not chosen.any():
                 continue
-            # a line between two kinds is that of what is unstable
+            # a line from a stable to an unstable cycle is drawn as unstable
             ends = chosen if wanted else chosen | np.append(chosen[1:], False) | np.append(False, chosen[:-1])
             ax.plot(x, np.where(ends, y, np.nan), line, marker="o", markevery=chosen.nonzero()[0].tolist(), **look)
             look["label"] = None
     points = []
     for one, (x, y, _) in zip(_chain(branch), parts, strict=True):
         order = np.argsort(x)
-        # of a branch without cycles there is no place to mark
+        # a branch without cycles has no place to mark
         for point in one.points if x.size else ():
             about = point.value + _NEAR * np.ptp(x) * np.array([0, -1, 1])
             height, before, after = np.interp(about, x[order], y[order])
             ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
-            # a branch turns at a fold: there is room between its arms
+            # a branch turns back at a fold: the text has room between its arms
             side = np.sign(np.mean(x) - point.value) if point.kind == "fold" else 0.0
             points.append((point.value, height, f"{point.kind} at {point.value:.6g}", after > before, side))
     _write_beside(ax, points)
@@ -69,10 +69,10 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
 
 
 def _write_beside(ax: Any, points: list[tuple[float, float, str, bool, float]]) -> None:
-    """Write what is said of points beside the curve, on either side of it in turn, and within the axes.
+    """Write the texts of points beside the curve, on either side of it in turn, and within the axes.
 
-    Each has its value, its height, a text, whether the curve rises there, and on which side of a fold its arms lie: 1
-    or -1, 0 where the curve goes on.
+    Each point has a value, a height, a text, whether the curve rises there, and on which side the arms of a fold lie:
+    1 or -1, 0 where the point is no fold.
     """
     left, right = ax.get_xlim()
     for k, (value, height, text, rises, side) in enumerate(sorted(points)):
@@ -91,13 +91,13 @@ def _write_beside(ax: Any, points: list[tuple[float, float, str, bool, float]]) 
 
 
 def _unit(branch: Any, body: str) -> str:
-    """Return the unit of a body's position, of the ground's the one of all together."""
+    """Return the unit of a body's position; for the ground, the unit of all bodies together."""
     scene = next(cycle.scene for one in _chain(branch) for cycle in one.cycles if cycle is not None)
     return units(scene, *(one for one in (*scene.bodies, *scene.drives) if one.name == body)).position
 
 
 def _chain(branch: Any) -> list[Any]:
-    """Return a branch and what comes beyond its folds."""
+    """Return a branch and the branches beyond its folds."""
     found, one = [], branch
     while one is not None:
         found.append(one)
@@ -106,7 +106,7 @@ def _chain(branch: Any) -> list[Any]:
 
 
 def _parts(branch: Any, body: str | None) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return values, heights and whether cycles are stable from fold to fold; two parts meet at each fold."""
+    """Return for each part, from fold to fold, values, heights and stability; two parts meet at each fold."""
     found, first = [], None
     for one in _chain(branch):
         y = one.periods if body is None else one.amplitudes(body)

@@ -16,13 +16,13 @@ _CURVES = 8
 def block(result: Readable, name: str, *, ax: Any = None) -> Any:
     """Draw the outputs and states of a block over time and return the axes.
 
-    States that are outputs as they stand are drawn once. Of many curves the first eight are drawn; the legend says so.
+    States that are equal to an output are drawn once. Of many curves the first eight are drawn; the legend says so.
 
     Parameters
     ----------
     result : Result
     name : str
-        Of a block.
+        Name of a block.
     ax : matplotlib axes, optional
         Where to draw; by default a new figure.
 

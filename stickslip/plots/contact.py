@@ -37,7 +37,7 @@ from stickslip.plots.style import (
 from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
-_GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
+_GREYS = colormaps["Greys"].with_extremes(bad="white")  # missing values hide the lines at events
 
 
 @of_result
@@ -45,7 +45,7 @@ def contact_forces(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw the friction force of a contact over time, between its breakaway levels, and return the axes.
 
     The upper line is the level above which the contact slips forward, the lower one that below which it slips
-    backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
+    backward; they have the same distance from 0 unless the coefficients of the directions differ.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
 def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 
-    Where the normal force varies, both are divided by it.
+    Where the normal force varies, force and curve are divided by it.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
             **style,
         )
     unit = units(result.scene, element)
-    # a force in N m has the lever arm in its coefficient of friction
+    # where the force is in N m, the coefficient of friction contains the lever arm
     arm = {"N": "[1]", "N m": "[m]"}.get(unit.force, "[1 | m]")
     force = f"force / normal force {arm}" if divided else f"force [{unit.force}]"
     ax.set(xlabel=f"relative velocity [{unit.velocity}]", ylabel=force)
@@ -249,5 +249,5 @@ def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
 
 
 def _element(result: Readable, contact: str) -> Any:
-    result.mode(contact)  # refuses a name that there is not
+    result.mode(contact)  # raises an error for a name that does not exist
     return next(row for row in result.scene.rows if row.name == contact)

@@ -8,7 +8,7 @@ from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
 from stickslip.results.energy import losses
 from stickslip.results.readable import Readable
 
-_CURVES = 6  # of losses; where there are more, they are drawn as one
+_CURVES = 6  # more losses than this are drawn as one curve
 
 
 @of_result

@@ -1,4 +1,4 @@
-"""Drawings of fits: what was measured, what the fitted scene does, and what is left."""
+"""Drawings of fits: what was measured, what the fitted scene does, and the residuals."""
 
 from __future__ import annotations
 

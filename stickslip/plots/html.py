@@ -26,7 +26,7 @@ STYLE = """
 def table(heads: Sequence[str], rows: Iterable[Sequence[Any]], count: int = 0) -> str:
     """Return a table of texts and numbers; numbers stand to the right, with as many digits as help a reader.
 
-    Of `count` rows in all, the last line says how many are left out.
+    If there are more rows, `count` in all, the last line says how many are left out.
     """
     lines = ["<tr>" + "".join(f"<th>{escape(head)}</th>" for head in heads) + "</tr>"]
     lines += ["<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows]
@@ -48,7 +48,7 @@ def vector(figure: Any, describes: str) -> str:
         figure.savefig(file, format="svg", metadata={"Date": None})
     svg = file.getvalue()
     svg = svg[svg.index("<svg") :]
-    # files about the file have no place in a page
+    # metadata of a file have no place in a page
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(describes)}" ', 1)
 

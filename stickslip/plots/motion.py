@@ -40,7 +40,7 @@ MANY = 12  # more curves or strips than this become a raster
 _TICKS = 200
 _UNKNOWN = 99  # stands for the mode where a run does not have the contact
 _BAND: dict[str, Any] = {"color": "0.82", "linewidth": 8, "solid_capstyle": "projecting"}
-_CROWDED = 500  # bars of one kind in a strip beyond which none has an edge or a hatch
+_CROWDED = 500  # if a strip has more bars of one kind than this, they have no edges and hatches
 _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
     Mode.STUCK: {"facecolor": "0.35"},
@@ -53,9 +53,10 @@ _STRIPS: dict[int, dict[str, Any]] = {
 def velocities(result: Readable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities of bodies and drives, by default of all, over time and return the axes.
 
-    Where bodies are measured in different units, the legend names those of each. Markers are times fit for a plot, or
-    ticks at the bottom where they are many, one in so many as the legend says; a broad grey line runs under a body
-    while a contact with a normal force holds it. More than a dozen bodies become a raster with a colour bar.
+    Where bodies are measured in different units, the legend names those of each. Markers stand at times fit for a plot.
+    Where these are many, ticks at the bottom replace them; the legend says how many times each tick stands for. A broad
+    grey line runs under a body while a contact with a normal force holds it. More than a dozen bodies become a raster
+    with a colour bar.
 
     Parameters
     ----------
@@ -113,14 +114,14 @@ def body_names(result: Readable, bodies: Sequence[str] | None) -> list[str]:
 def velocity_units(result: Readable, names: Sequence[str]) -> dict[str, str]:
     """Return the unit of the velocity of each body or drive; both units where it is not said how it moves.
 
-    The ground has the one of all together.
+    The ground has the unit of all bodies and drives together.
     """
     moving = {one.name: (one,) for one in (*result.scene.bodies, *result.scene.drives)}
     return {name: units(result.scene, *moving.get(name, ())).velocity for name in names}
 
 
 def _units(result: Readable, names: list[str]) -> tuple[str, list[str]]:
-    """Return the unit of the axis, and the names of bodies: with units of their own where these differ."""
+    """Return the unit of the axis, and the names of bodies: with their own units where these differ."""
     own = velocity_units(result, names)
     if len(set(own.values())) == 1:
         return own[names[0]], names
@@ -138,13 +139,13 @@ def _bands(fine: Readable, names: list[str], ax: Any) -> bool:
         ]
         if not spans:
             continue
-        # both limits stand at an event, and only one of them is stuck
+        # an event stands twice, with its two limits, and only one of them is stuck
         starts, stops = np.array(spans).T
         place = np.searchsorted(starts, fine.t, side="right") - 1
         holds = (fine.mode(contact.name) == Mode.STUCK) & (place >= 0) & (fine.t <= stops[place])
         for name in sorted({contact.a, contact.b} & set(names)):
             (band,) = ax.plot(fine.t, np.where(holds, fine.velocity(name), np.nan), zorder=1, **_BAND)
-            # the ends of so broad a line reach beyond its times; cut them off there
+            # the ends of a broad line reach beyond its times: they are cut off
             band.set_clip_path(_stripes(spans), ax.get_xaxis_transform())
             drawn = True
     return drawn
@@ -158,7 +159,7 @@ def _stripes(spans: list[tuple[float, float]]) -> Path:
 
 
 def _rug(ax: Any, times: Array, points: dict[str, Any]) -> None:
-    """Draw ticks along the bottom at computed times, every so many where all of them would run together."""
+    """Draw ticks along the bottom at computed times, only one in several where all would run together."""
     every = -(-times.size // _TICKS)
     if every > 1:
         points = points | {"label": f"{points['label']}, 1 in {every}"}
@@ -229,7 +230,7 @@ def _mode_strips(fine: Readable, names: list[str], ax: Any) -> None:
 
 
 def _runs(fine: Readable, name: str) -> list[tuple[int, bool, float, float]]:
-    """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
+    """Return mode, whether the contact is open, start and stop of each time span between changes."""
     t, mode = fine.t, np.nan_to_num(fine.mode(name).astype(float), nan=_UNKNOWN)
     unpressed = np.zeros(t.size, dtype=bool)
     if any(contact.name == name for contact in fine.scene.contacts):
@@ -237,7 +238,7 @@ def _runs(fine: Readable, name: str) -> list[tuple[int, bool, float, float]]:
     steps = np.flatnonzero(np.diff(t) > 0)
     if not steps.size:
         return []
-    # both limits stand at a break, so a step's own limits are at its two ends
+    # a break stands twice, with its two limits, so the values at the two ends of a step belong to that step
     code, shut = mode[steps], unpressed[steps] & unpressed[steps + 1]
     changes = np.flatnonzero((np.diff(code) != 0) | (shut[1:] != shut[:-1])) + 1
     first = np.concatenate([[0], changes])

@@ -62,7 +62,7 @@ def study_html(study: Any) -> str:
 
 @apart_from_pyplot()
 def cycle_html(cycle: Any) -> str:
-    """Return one period of a limit cycle as a figure, and what there is to say of it."""
+    """Return one period of a limit cycle as a figure, and its description."""
     figure = bitmap(overview(cycle.result), "one period: velocities, modes and forces", 80)
     return _shown(figure, f"<pre>{escape(str(cycle))}</pre>")
 
@@ -80,7 +80,7 @@ def elements_table(scene: Scene) -> str:
 
 
 def _brief(value: Any) -> str:
-    """Return a value of a field, as short as it can be said."""
+    """Return a value of a field as a short text."""
     if isinstance(value, Quantity):
         value = str(value)
     if isinstance(value, (Signal, Law)):
@@ -99,7 +99,7 @@ def _brief(value: Any) -> str:
 
 
 def events_table(events: list[Event], most: int) -> str:
-    """Return a table of events, at most so many."""
+    """Return a table of events, at most `most`."""
     rows = [(e.t, e.contact, f"{e.before.name} → {e.after.name}", e.cause) for e in events[:most]]
     if not rows:
         return "<p>no events</p>"
@@ -112,7 +112,7 @@ def final_table(result: Readable) -> str:
     rows = [
         (body.name, float(result.velocity(body.name)[-1]), units(scene, body).velocity)
         for body in scene.bodies[:MOST]
-        if np.isfinite(result.velocity(body.name)[-1])  # or the last of several runs does not have it
+        if np.isfinite(result.velocity(body.name)[-1])  # NaN where the last of several runs does not have the body
     ]
     left = max(len(scene.bodies) - MOST, 0)
     return table(("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, len(rows) + left)

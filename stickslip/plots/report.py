@@ -20,7 +20,7 @@ from stickslip.results.shares import share
 _EVENTS = 200
 _ROWS = 40
 
-# Figures of more times than this per body are bitmaps: as lines they would make the page large.
+# Figures with more times than this are bitmaps: as lines they would make the page large.
 _POINTS = 300
 
 _PAGE = """<!DOCTYPE html>
@@ -69,7 +69,7 @@ def _page(title: str, sections: list[tuple[str, str]]) -> str:
 
 
 def _spans(result: Readable) -> list[str]:
-    """Return from when to when each run goes."""
+    """Return in words when each run starts and ends."""
     trajectories = [run.samples.trajectory for run in result.runs]
     return [f"from {one.starts[0]:.9g} s to {one.stops[-1]:.9g} s" if one.pieces else "" for one in trajectories]
 

@@ -1,7 +1,7 @@
-"""A scene as a schematic: bodies are boxes one above the other, what joins them stands between.
+"""A scene as a schematic: bodies are boxes one above the other, with symbols of the elements between them.
 
-The manner is that of a quarter car. A symbol between neighbours fills the gap between them; one between others goes on
-as a line behind the boxes that it passes, dotted there. Lengths are inches of a drawing in its own size.
+It is drawn as quarter-car models are. A symbol between neighbours fills the gap between their boxes. A symbol between
+other bodies goes on as a line, dotted behind the boxes that it passes. Lengths are inches of a drawing in its own size.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _LONGEST = 18
 
 @dataclass(frozen=True)
 class _Link:
-    """Something between bodies, or between a body and the ground."""
+    """An element between bodies, or between a body and the ground."""
 
     ends: Mapping[str, str]
     """What is written beside each end, by name of the body."""
@@ -73,10 +73,10 @@ def schematic(scene: Scene, *, ax: Any = None) -> Any:
 
 
 class _Drawing:
-    """Where everything stands."""
+    """A scene with the places of all that is drawn."""
 
     def __init__(self, scene: Scene) -> None:
-        # all bodies may hold to one drive
+        # drives keep room beside many bodies: all of these may be joined to one drive
         drives = scene.drives[: max(MOST - len(scene.bodies), MOST // 2)]
         bodies = scene.bodies[: MOST - len(drives)]
         self.scene = scene
@@ -124,7 +124,7 @@ class _Drawing:
         return self.lefts[self.column[k]] + _LEFT
 
     def _sides(self, name: str) -> tuple[float, float]:
-        """Return the left and the right side of a body's box: it reaches over all that holds to it."""
+        """Return the left and the right side of a body's box: it reaches over all links of the body."""
         first, last = self._columns(name)
         left = self.lefts[first]
         return left, max(self.lefts[last] + _LEFT + _RIGHT, left + self._least(name))
@@ -134,14 +134,14 @@ class _Drawing:
         return min(columns), max(columns)
 
     def _hidden(self, name: str) -> list[float]:
-        """Return where links to others pass behind a body's box, from left to right."""
+        """Return where links between other bodies pass behind a body's box, from left to right."""
         row, (left, right) = self.rows[name], self._sides(name)
         others = [k for k, one in enumerate(self.links) if name not in one.ends]
         found = [self._x(k) for k in others if self.span(self.links[k])[0] < row <= self.span(self.links[k])[1]]
         return sorted(x for x in found if left < x < right)
 
     def _least(self, name: str) -> float:
-        """Return how broad a box must be for what is written in it."""
+        """Return how broad a box must be for its text."""
         return _LETTER * (len(self._text(name)) + 2)
 
     def _text(self, name: str) -> str:
@@ -200,7 +200,7 @@ class _Drawing:
             ax.add_patch(Rectangle(*box, fill=False, linewidth=1.2, zorder=5))
             hidden = self._hidden(name)
             for x in hidden:
-                # what passes behind a box does not hold to it
+                # dots show that a link passes behind the box and does not join it
                 ax.plot([x, x], [box[0][1], self._top(row)], color="0.2", linewidth=1.0, linestyle=":", zorder=3)
             text: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 6}
             if driven:
@@ -239,7 +239,7 @@ class _Drawing:
             end = self._top(rows[-1])
             ax.plot([x, x], [low, end], color="black", linewidth=1.1, zorder=1)
             for row in rows[1:-1]:
-                # a member on the way, which the line would else seem to pass
+                # points where the line joins a body on its way, which it would else seem to pass
                 for y in (self._top(row), self._top(row) - _BOX):
                     ax.plot([x], [y], "o", color="black", markersize=3.5, zorder=6)
         if GROUND in link.ends:
@@ -326,7 +326,7 @@ def _ends(element: Any) -> list[str]:
 
 
 def _blocks(scene: Scene) -> list[tuple[float, float, str]]:
-    """Return left side, right side and text of what joins no bodies: controllers and other blocks, in one line."""
+    """Return left side, right side and text of elements that join no bodies, such as blocks, all in one line."""
     found: list[tuple[float, float, str]] = []
     left = 0.0
     for element in scene.elements:
@@ -341,7 +341,7 @@ def _blocks(scene: Scene) -> list[tuple[float, float, str]]:
 
 
 def _pushes(scene: Scene) -> dict[str, str]:
-    """Return what is written at the forces on each body."""
+    """Return the text at the forces on each body."""
     found: dict[str, Counter[str]] = {}
     for force in scene.forces:
         found.setdefault(force.body, Counter())[_load("F", force.signal, units(scene, force).force)] += 1
@@ -352,14 +352,14 @@ def _pushes(scene: Scene) -> dict[str, str]:
 
 
 def _load(symbol: str, load: Any, unit: str) -> str:
-    """Return a load that is a number with its unit; of another, what it depends on."""
+    """Return a constant load with its unit, any other with what it depends on."""
     if isinstance(load, Constant):
         return f"{symbol} = {_with_unit(load.value, unit)}"
     return f"{symbol}(t)" if isinstance(load, Signal) else f"{symbol}(t, state)"
 
 
 def _with_unit(value: float, unit: str) -> str:
-    """Return a number with its unit, but not with one of two."""
+    """Return a number with its unit; where there are two possible units, without."""
     return f"{value:.4g}" if "|" in unit else f"{value:.4g} {unit}"
 
 

@@ -26,7 +26,7 @@ NORMAL = "normal force [N]"
 
 WITH_DOTS = 300  # more computed points than this are not marked on the curves
 
-# No panel has more curves than these.
+# There are more colours than a panel has curves.
 COLOURS = (
     *("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000", "#56B4E9", "#E69F00"),
     *("#5E3C99", "#8C1515", "#66A61E", "#01665E", "#1F3A93", "#B8A800", "#E7298A", "#A0522D"),
@@ -38,7 +38,7 @@ _MARKED_EVENTS = 40
 _INSIDE = 8  # so many entries of a legend find room within the axes
 _END = 16  # so many letters are shown of either end of a long name
 
-# Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values.
+# A colour scale is cut where the extremes are this many times as far apart as all but 2 % of the values.
 _STRETCHED = 3.0
 
 
@@ -46,18 +46,18 @@ _ARE_PYPLOTS = ContextVar("whether new figures are pyplot's", default=True)
 
 
 class Drawing(Figure):
-    """A figure that notebooks show once, by the value of a cell or at its end, where pyplot shows all that it knows."""
+    """A figure that notebooks show only once: as the value of a cell, or at its end, where pyplot shows its figures."""
 
     def _ipython_display_(self) -> None:
         import matplotlib.pyplot as plt
 
         if "inline" in plt.get_backend():
             plt.close(self)
-        raise NotImplementedError  # or, in the words of IPython: show it like any other figure
+        raise NotImplementedError  # this makes IPython show it like any other figure
 
 
 def name_of_points(result: Readable) -> str:
-    """Return what legends call the times of a curve: all that was kept where the motion between them was not."""
+    """Return what legends call the times of a curve: without the motion between them, they are all that was kept."""
     return "times fit for a plot" if result.is_dense else "times that were kept"
 
 
@@ -86,7 +86,7 @@ SomeResult = TypeVar("SomeResult", bound=Readable)
 
 
 def of_result(draw: Callable[P, T]) -> Callable[P, T]:
-    """Let a drawing refuse what is no result."""
+    """Make a drawing refuse an argument that is no result, or a result without motion."""
 
     @wraps(draw)
     def checked(*args: P.args, **given: P.kwargs) -> T:
@@ -101,7 +101,7 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
-    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more."""
+    """Return the axes given, or those of a new figure; call it after all checks, so that no empty figure is left."""
     if ax is None:
         return new_figure(width, height, layout="constrained").subplots()
     if not isinstance(ax, Axes):
@@ -128,7 +128,7 @@ def dots(k: int) -> dict[str, Any]:
 
 
 def short(text: str) -> str:
-    """Return a text of at most so many letters that it leaves room for the axes: of a long one its two ends."""
+    """Return a text short enough to leave room for the axes: of a long one its two ends."""
     return text if len(text) <= 2 * _END + 1 else f"{text[:_END]}…{text[-_END:]}"
 
 
@@ -139,7 +139,7 @@ _SHOWN = "\u200b"  # before a label that begins with an underscore, which legend
 
 
 def labelled(name: str) -> str:
-    """Return the label of a curve that is called so, whatever it begins with."""
+    """Return the label of a curve with this name, which legends show even if it begins with an underscore."""
     return _SHOWN + name if name.startswith("_") else name
 
 
@@ -161,7 +161,7 @@ def makes_room(ax: Any) -> bool:
 
 
 def over_time(ax: Any, ylabel: str, title: str = "") -> Any:
-    """Name axes of time, and the curves beside them; return the axes."""
+    """Label axes over time, put the legend beside them, and return the axes."""
     ax.set_xlabel(TIME)
     ax.set_ylabel(ylabel, **AS_IT_IS)
     ax.margins(x=0.01)
@@ -190,7 +190,7 @@ def contact_names(result: Readable, contacts: Sequence[str] | None) -> list[str]
 def wanted_names(
     elements: Iterable[Any], wanted: Sequence[str] | None, what: str, read: Callable[[str], Any]
 ) -> list[str]:
-    """Return the names asked for, by default those of all elements; to `read` another one says which there are."""
+    """Return the names asked for, by default those of all elements; `read` raises the error for an unknown one."""
     known = [element.name for element in elements]
     if wanted is None:
         return known
@@ -262,7 +262,7 @@ def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
 def robust(values: Array) -> tuple[dict[str, float], str]:
     """Return limits of a colour scale that a few extremes do not stretch until all else looks alike.
 
-    The text says at which ends of the colour bar an arrow tells that values lie beyond.
+    The text says at which ends of the colour bar an arrow shows that there are values beyond.
     """
     some = values[np.isfinite(values)]
     if not some.size:
@@ -281,13 +281,13 @@ def value_raster(ax: Any, t: Array, rows: Array, names: list[str], label: str) -
 
 
 def check_is(thing: Any, kind: str, what: str) -> None:
-    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots."""
+    """Raise a TypeError unless `thing` is of the class with the name `kind`: plots must not import studies."""
     if kind not in (one.__name__ for one in type(thing).__mro__):
         raise TypeError(f"{what}: expected a {kind}, got {type(thing).__name__}")
 
 
 def within_or_beside(ax: Any) -> None:
-    """Name the curves: within the axes where there is room, else to their right."""
+    """Put the legend within the axes where there is room, else to their right."""
     crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
     if not makes_room(ax):
         ax.legend(fontsize="xx-small" if crowded else "x-small", framealpha=0.8)

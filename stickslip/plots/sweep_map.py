@@ -77,7 +77,7 @@ def sweep_map(
 
 
 def _cells(ax: Any, which: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return edges and centres of the cells along x or y, having set the scale and ticks of the axes."""
+    """Set scale and ticks of the axes along x or y, and return edges and centres of the cells."""
     if values.dtype.kind not in "iuf" or not np.all(np.isfinite(values)) or np.any(np.diff(values) <= 0):
         centres = np.arange(len(values), dtype=float)
         ax.set(**{f"{which}ticks": centres, f"{which}ticklabels": [str(item) for item in values]})

@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-# Draws on axes, at a place x, from a lower to an upper end.
+# A function that draws on axes, at a place x, from a lower to an upper end.
 Symbol = Callable[[Any, float, float, float], None]
 
 _LINE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "solid_capstyle": "butt", "zorder": 3}
@@ -16,7 +16,7 @@ _SHAPE: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth
 
 
 def _leads(ax: Any, x: float, low: float, high: float, half: float) -> tuple[float, float]:
-    """Draw the lines from both ends to a symbol of half a height in the middle; return its lower and upper end."""
+    """Draw the lines from both ends to a symbol of height ``2 half`` in the middle; return its lower and upper end."""
     middle = 0.5 * (low + high)
     ax.plot([x, x], [low, middle - half], **_LINE)
     ax.plot([x, x], [middle + half, high], **_LINE)
@@ -129,7 +129,7 @@ def stop(ax: Any, x: float, low: float, high: float) -> None:
 
 
 def link(ax: Any, x: float, low: float, high: float) -> None:
-    """Draw what has no symbol of its own: a box; its label says what it is."""
+    """Draw an element that has no symbol of its own: a box; its label says what it is."""
     bottom, _ = _leads(ax, x, low, high, 0.13)
     ax.add_patch(Rectangle((x - 0.15, bottom), 0.3, 0.26, **_SHAPE | {"hatch": "xxx"}))
 

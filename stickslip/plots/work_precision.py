@@ -21,15 +21,16 @@ from stickslip.plots.style import (
 
 _NOTES = 6
 _LONGEST = 125  # letters of a note that fit into the width of a figure
-_APART = 0.4  # decades between families below what the reference can tell
+_APART = 0.4  # decades between the heights of families in the grey band below the limit of the reference
 
 
 def work_precision(table: Any, *, ax: Any = None) -> Any:
     """Draw error against median wall time, both logarithmic, and return the axes.
 
     Every family has a marker and a line of its own, so that greyscale is enough. The line joins those of its
-    rows that no other row of the family beats: to join all would draw the noise of the clock. Rings mark the
-    rows that nothing beats; what cannot be drawn (failures, an error of exactly 0) is listed in a note.
+    rows that no other row of the family beats in both error and time: to join all would draw the noise of the
+    clock. Rings mark the rows that no row of any family beats. Rows that cannot be drawn (failures, an error of
+    exactly 0) are listed in a note.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def work_precision(table: Any, *, ax: Any = None) -> Any:
 
 
 def _errors_against_times(table: Any, ax: Any, at_floor: dict[int, float]) -> Any:
-    """Draw the rows of a study; those at its floor at heights of their own, by id."""
+    """Draw the rows of a study; `at_floor` are heights, by id, of rows whose errors are too small to be measured."""
     families = _by_family(row for row in table.rows if _drawable(row))
     for k, (family, rows) in enumerate(families.items()):
         _family(ax, k, family, rows, table, at_floor)
@@ -58,7 +59,7 @@ def _errors_against_times(table: Any, ax: Any, at_floor: dict[int, float]) -> An
         ax.scatter(*where, s=150, facecolors="none", edgecolors="black", zorder=3, label="no other beats it")
         within_or_beside(ax)
     ax.set(xscale="log", yscale="log", xlabel="median wall time [s]", ylabel=table.error_label)
-    # 2 and 5 between the decades have room, also where the times span less than one
+    # there is room to label 2 and 5 between the decades, also where the times span less than one decade
     ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 0.5)))
     ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
@@ -87,9 +88,10 @@ def _family(ax: Any, k: int, family: str, rows: list[Any], table: Any, at_floor:
 
 
 def tradeoff(study: Any, *, ax: Any = None) -> Any:
-    """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
+    """Draw error against time of a scene's calls, down to the limit of the reference, and return the axes.
 
-    Calls whose errors are below that stand in the grey band, each family at a height of its own that says nothing.
+    Errors below the limit cannot be measured. Calls with such errors stand in the grey band, where the height only
+    keeps families apart.
 
     Parameters
     ----------

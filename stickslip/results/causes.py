@@ -21,7 +21,7 @@ _WORDS = {Mode.BACKWARD: "backward", Mode.STUCK: "nowhere", Mode.FORWARD: "forwa
 
 @dataclass(frozen=True)
 class _Limits:
-    """Force, breakaway level and relative velocity of a contact just before and just after its event."""
+    """Force, level and relative velocity of a row just before and after its event, and rows that changed with it."""
 
     force: tuple[float, float]
     level: tuple[float, float]
@@ -55,7 +55,7 @@ def event_sentences(result: Outcome) -> list[str]:
 
 
 def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Limits | None]:
-    """Read forces and levels at both sides of every event: the end of one piece, the start of the next."""
+    """Return forces, levels and velocities at both sides of every event: at the end of a piece and the next start."""
     trajectory = samples.trajectory
     times = np.array([event.t for event in events])
     left = np.searchsorted(trajectory.stops, times, side="left")
@@ -104,12 +104,12 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
     return _friction(event, limits)
 
 
-_ROUGH = 1e-12  # part of the velocity of an impact below which that after it is roundoff
+_ROUGH = 1e-12  # a velocity after an impact below this part of the one before it is roundoff
 _AT_LIMITS = ("touches", "leaves", "impact", "leaves with another event")
 
 
 def _at_limit(event: Event, at: _Limits) -> str:
-    """Return what a gap or a stop did at a limit."""
+    """Return in words what a gap or a stop did at a limit."""
     if event.cause == "impact":
         limit = "upper" if at.w[0] > 0 else "lower"
         if event.after != Mode.OPEN:
@@ -128,7 +128,7 @@ def _at_limit(event: Event, at: _Limits) -> str:
 
 
 def _another(at: _Limits, otherwise: str = "") -> str:
-    """Return which other rows changed at the same instant; where none did, what else it was."""
+    """Return in words which other rows changed at the same instant; `otherwise` where none did."""
     return f"the change of {', '.join(at.others)}" if at.others else otherwise
 
 
@@ -141,7 +141,7 @@ def _slip_state(event: Event, character: Character, at: _Limits) -> str:
 
 
 def _friction(event: Event, at: _Limits) -> str:
-    """Return what a contact with dry friction did."""
+    """Return in words what a contact with dry friction did."""
     where, force, level = _WORDS.get(event.after, ""), f"{abs(at.force[0]):.6g}", f"{at.level[0]:.6g}"
     slips = f"slips on with {abs(at.force[1]):.6g}"
     match event.cause:

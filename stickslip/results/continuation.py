@@ -37,13 +37,14 @@ def final_scene(trajectory: Trajectory) -> Scene:
     since = trajectory.since_when(number, end)[:, 0]
     fastest = _fastest(trajectory, at)
     velocities = _velocities(at, fastest, shown)
-    # what is in Karnopp's dead band from its start on moves on there; what has just come to its edge is stuck
+    # A row that was inside Karnopp's dead band when the last piece began moves on there. A row that has only come to
+    # the edge of the band sticks.
     begun = Samples.at_local(trajectory, number, np.zeros(1)).relative_velocities[:, 0]
     moves_on = np.abs(begun) <= (1 + AT_BAND) * system.laws.rests_below
     farthest = np.zeros(system.n + system.drives)
     farthest[: system.n] = fastest * (stop - trajectory.span.start) + [abs(b.position) for b in system.scene.bodies]
     y = on_stops(system, at.y[:, 0], inner, farthest)
-    # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
+    # If an event stops a run right after a sample, the next run takes that sample again, from the values before it.
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
     sampled: dict[str, dict[str, Any]] = {}
@@ -75,9 +76,9 @@ def in_state(
     slipping: Mask,
     sampled: Mapping[str, Mapping[str, Any]],
 ) -> Scene:
-    """Return a scene that starts in a state: bristles and blocks from `y`, all else by name or row.
+    """Return a scene that starts in a state: bristles and blocks are taken from `y`, all else by name or row.
 
-    `rested` (m,) is for how long rows have been at rest in s, and `slipping` (m,) which remember that they slip.
+    `rested` (m,) in s and `slipping` (m,) are the fields of contacts with these names, for each row.
     """
     elements: list[Any] = []
     for element in scene.elements:
@@ -106,19 +107,19 @@ def in_state(
 
 
 def _position(at: Samples, y: Array, name: str) -> float:
-    """Return the position of a body or drive, from the state where it is one."""
+    """Return the position of a body or drive, from `y` where it is a state."""
     state = at.system.position_state.get(at.body(name))
     return float(at.position(name)[0] if state is None else y[state])
 
 
 def on_stops(system: System, y: Array, modes: Modes, farthest: Array) -> Array:
-    """Return a state in which closed stops are not beyond their limits, where positions near 0 leave roundoff.
+    """Return a state in which no closed stop is beyond its limit.
 
-    Bodies that have been no farther away than `farthest` (n + drives,) keep the roundoff of that. Beside a limit of 0
-    it would be a flight, so that there it is taken off.
+    Positions keep the roundoff of the largest earlier ones, `farthest` (n + drives,). At a limit of 0, a stop would
+    seem to fly by this roundoff, so positions of that size are set to 0 there.
     """
     functions = system.piecewise
-    # one that others spare carries nothing, and is closed all the same
+    # a stop whose load other rows carry is at its level, which is no force, and is closed all the same
     closed = functions.is_stop & np.isin(modes[functions.row], (0, AT_HIGH, AT_LOW))
     if not closed.any():
         return y
@@ -127,7 +128,7 @@ def on_stops(system: System, y: Array, modes: Modes, farthest: Array) -> Array:
     upper, lower, _ = functions.limits(y, q, y)
     is_upper = upper < lower
     change = np.where(is_upper, np.minimum(upper, 0.0), np.maximum(-lower, 0.0))[closed]
-    # seen from 0 their distances are the limits themselves
+    # with all positions 0, the distances to the limits are the limits themselves
     upper, lower, _ = functions.limits(np.zeros_like(y), q, y)
     limits = np.where(is_upper, upper, lower)[closed]
     rows = functions.row[closed]
@@ -143,7 +144,7 @@ def on_stops(system: System, y: Array, modes: Modes, farthest: Array) -> Array:
 
 
 def _fastest(trajectory: Trajectory, last: Samples) -> Array:
-    """Return the largest speed of each body where pieces of a motion begin, and at its end."""
+    """Return the largest speed of each body at the starts of all pieces and at the end."""
     every = np.arange(trajectory.starts.size)
     begun, n = Samples.at_local(trajectory, every, np.zeros(every.size)), trajectory.system.n
     found: Array = np.maximum(np.abs(begun.y[:n]).max(axis=1), np.abs(last.y[:n, 0]))
@@ -153,8 +154,9 @@ def _fastest(trajectory: Trajectory, last: Samples) -> Array:
 def _velocities(at: Samples, fastest: Array, modes: Modes) -> dict[str, float]:
     """Return the velocities of the bodies at the one time of `at`, at which rows show these modes.
 
-    What has just come to rest has the roundoff of the speed that it had: it is at rest. So is what has passed 0 by less
-    than a solver's errors: its mode is still the old one. No one-way clutch turns forward, not by roundoff.
+    A row that has just come to rest may keep roundoff of its former speed: it is set to rest. So is a row whose
+    relative velocity has passed 0 by a solver's error, while its mode is still the old one. One-way clutches must not
+    turn forward, not even by roundoff.
     """
     system = at.system
     v, w = at.y[: system.n, 0], at.relative_velocities[:, 0]

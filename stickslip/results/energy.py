@@ -16,10 +16,10 @@ from stickslip.results.samples import Samples, integrated
 
 _CHANGES = "changes between runs"
 
-# Part of the largest energy from which on it is asked whether a balance is off by roundoff alone.
+# If the balance error exceeds this part of the largest energy, the effect of roundoff is computed.
 _OFF = 1e-3
 
-# Part of the impulses of all forces that a body may have as a momentum though nothing moves it.
+# Roundoff may give bodies this part of the impulses of all forces as momentum.
 _ROUNDOFF = 1e-15
 
 
@@ -36,17 +36,18 @@ class EnergyLedger:
     loads, drives : array (n,)
         Work done on the scene by the forces, and by the drives through contacts, ties, clutches, springs and dampers.
     contacts : dict of str to array (n,)
-        Heat of each contact by name; with bristle laws it holds what the bristles store, too. Ties and one-way
-        clutches make none.
+        Heat of each contact by name; with bristle laws it includes the energy that the bristles store. Ties and
+        one-way clutches make none.
     impacts : dict of str to array (n,)
-        What impacts took at each stop and one-way clutch by name, and what jumps of drives took there.
+        Energy lost at each stop and one-way clutch by name, in impacts and in jumps of drives.
     changes : array (n,)
-        What came in between runs in a row, where one begins with another inertia, velocity or stretch than the one
-        before ended with; 0 in a single run.
+        Stored energy gained between runs in a row, where one begins with another inertia, velocity or stretch than the
+        one before ended with; 0 in a single run.
     dampers : dict of str to array (n,)
         Heat of each damper and of the damping of each spring and gap; labels that occur twice are numbered.
     roundoff : float
-        Energy that roundoff of the forces may add, where it is not small beside the other energies; else 0.
+        Energy that roundoff of the forces may add. It is computed where the balance error is not small beside the
+        other energies, else 0.
     """
 
     t: Array = field(repr=False)
@@ -84,23 +85,23 @@ class EnergyLedger:
 
     @property
     def error(self) -> Array:
-        """What the balance is off: stored energy gained, plus heat, minus work and changes; it starts at `t[0]`."""
+        """Error of the balance: stored energy gained since `t[0]`, plus heat, minus work and changes."""
         balance = self._balance
         return balance - balance[:1]
 
     @property
     def begun(self) -> float:
-        """What was stored at the start in J, before all work and heat; 0 where nothing was computed."""
+        """Energy stored at the start in J, before all work and heat; 0 where nothing was computed."""
         return float(self._balance[0]) if self.t.size else 0.0
 
     @property
     def _balance(self) -> Array:
-        """Stored energy and heat, less work and changes, in J: what was stored at the start, but for errors."""
+        """Stored energy and heat, less work and changes, in J: but for errors, the energy stored at the start."""
         return self.stored + self.heat - self.work - self.changes
 
     @property
     def totals(self) -> dict[str, Array]:
-        """What is stored, the work so far and, if any, changes between runs, as tables and drawings call them."""
+        """Stored energies, work so far and changes between runs, if any, under their names in tables and drawings."""
         work = {"work of loads": self.loads, "work of drives": self.drives}
         changes = {_CHANGES: self.changes} if self.changes.any() else {}
         return {"kinetic": self.kinetic, "springs": self.spring, **work, **changes}
@@ -128,7 +129,7 @@ class EnergyLedger:
         rows += [(f"impacts of {name!r}", heat[-1]) for name, heat in self.impacts.items()]
         rows += [*changes, ("balance error", self.error[-1])]
         wide = max(len(name) for name, _ in rows)
-        # velocities of roundoff at the start would store some 1e-56 J
+        # start velocities that are mere roundoff would be shown as some 1e-56 J
         stored = self.begun if self.begun > 1e-15 * self._largest else 0.0
         lines = [f"energy in J at {self.t[-1]:g} s (at the start {stored:.9g} stored)"]
         return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
@@ -137,8 +138,8 @@ class EnergyLedger:
 def energy(result: Readable) -> EnergyLedger:
     """Return the energy ledger of a result at its times.
 
-    Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation. Through
-    runs in a row heat and work go on; what a run does not know neither gives nor takes in its time.
+    Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation. In runs
+    in a row, heat and work go on from run to run; an element that a run does not have adds nothing during that run.
     """
     ledgers = [_ledger(run.samples) for run in result.runs]
     if len(ledgers) == 1:
@@ -147,7 +148,7 @@ def energy(result: Readable) -> EnergyLedger:
 
 
 def losses(ledger: EnergyLedger) -> dict[str, Array]:
-    """Return heats of contacts and dampers and what impacts took, as drawings and reports call them."""
+    """Return heats of contacts and dampers and losses in impacts, under their names in drawings and reports."""
     found = {f"heat of {name}": heat for name, heat in (ledger.contacts | ledger.dampers).items()}
     return found | {f"impacts of {name}": taken for name, taken in ledger.impacts.items() if taken.any()}
 
@@ -159,7 +160,7 @@ def _at_ends(samples: Samples) -> EnergyLedger:
 
 
 def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> EnergyLedger:
-    """Return the ledgers of runs in a row as one; `ends` are the same at the starts and the ends of the runs."""
+    """Return the ledgers of runs in a row as one; `ends` are the ledgers at the start and the end of each run."""
     sizes = [ledger.t.size for ledger in ledgers]
 
     def counted(read: Callable[[EnergyLedger], Array | None]) -> Array:
@@ -217,7 +218,7 @@ def _roundoff(samples: Samples) -> float:
     """Return the kinetic energy that roundoff of all forces may give the bodies until the last time, in J."""
     system = samples.system
     heavy = system.inertia > 0
-    # the square of an impulse over the root of the inertia is twice an energy
+    # (impulse / sqrt(inertia))^2 is twice a kinetic energy
     lightness = np.divide(1.0, np.sqrt(system.inertia), out=np.zeros(system.n), where=heavy)
     by_y, by_q, by_r = (lightness @ abs(matrix) for matrix in (system.C, system.Q, system.G.T))
 
@@ -228,10 +229,10 @@ def _roundoff(samples: Samples) -> float:
 
 
 def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
-    """Return what impulses of rows took from drives, and what got lost at stops and one-way clutches.
+    """Return the work of drives by impulses of rows, and the energy lost at stops and one-way clutches.
 
-    What rows took is known. Kinetic energy changes by the work of all impulses, ``r (w- + w+) / 2``: the rest is the
-    drives'.
+    The run has kept the losses. The work of drives is ``(D^T r) u``, with u the mean of their velocities before and
+    after, plus what the losses exceed ``r (w- + w+) / 2`` by. For a single impact that is 0.
     """
     trajectory, system = samples.trajectory, samples.system
     rows = (system.is_stop | system.is_one_way).nonzero()[0]
@@ -251,8 +252,8 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
             moved = 0.5 * (before.drive_velocities + after.drive_velocities)
             middle = 0.5 * (before.relative_velocities + after.relative_velocities)
             given[numbers] = ((system.D.T @ impulses) * moved).sum(axis=0)
-            # where one impact follows another at the same instant, drives have their new velocity in the second;
-            # at the very start they have no other
+            # Where a second impact follows at the same instant, drives have their new velocity in it, and the mean is
+            # wrong: the losses tell by how much. At the very start drives have only one velocity.
             second = lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
             given[numbers] += np.where(first, 0.0, second)
     total = np.cumsum(taken, axis=1)[:, samples.piece_of]
@@ -261,10 +262,10 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
 
 
 class _Springs:
-    """Springs and dampers, so many `couplings`, and after them gaps, which stand in `rows`, as arrays.
+    """Springs and dampers, followed by gaps, as arrays.
 
-    A spring is a gap whose two limits are its rest. `ends` are their coefficients on bodies and drives, and `damped`
-    those that have damping.
+    `couplings` is the number of springs and dampers, and `rows` are the rows of the gaps. A spring is a gap whose two
+    limits are its rest. `ends` are the coefficients of all on bodies and drives; `damped` are those with damping.
     """
 
     def __init__(self, system: System) -> None:
@@ -295,7 +296,7 @@ class _Springs:
 
 
 def _labels(springs: _Springs) -> list[str]:
-    """Return the names of what is damped; one that returns is numbered."""
+    """Return the labels of elements with damping; a label that occurs again is numbered."""
     found: list[str] = []
     for name in (springs.labels[k] for k in springs.damped.tolist()):
         label, count = name, 1
@@ -314,11 +315,11 @@ def _powers(at: Samples, springs: _Springs) -> Array:
     loads = (pushes * velocities[: system.n]).sum(axis=0)
     rates, elastic = springs.ends @ velocities, springs.stiffness * springs.depth(at.y)
     drag = springs.damping * rates
-    # the damping of a gap is clipped
+    # the damping force of a gap is clipped: it is the part of the force that is not elastic
     drag[count:] = forces[springs.rows] - elastic[count:]
     drives = np.zeros_like(loads)
     if system.drives:
-        # what the rows and springs take from a drive is what it gives
+        # a drive gives the power that rows and springs take from it
         given = system.D.T @ forces + springs.ends[:count, system.n :].T @ (elastic + drag)[:count]
         drives = (given * at.drive_velocities).sum(axis=0)
     heat = (forces * at.relative_velocities)[system.is_friction]

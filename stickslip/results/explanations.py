@@ -115,7 +115,7 @@ def _contacts(system: System) -> list[str]:
 
 
 def _others(system: System) -> list[str]:
-    """Return what the rows are that are no contacts: their equations and guards."""
+    """Return lines on rows that are no contacts: their equations and guards."""
     rows = [element for element in system.scene.rows if not isinstance(element, Contact)]
     if not rows:
         return []
@@ -238,7 +238,7 @@ def _fed_back(scene: Scene) -> list[tuple[str, Quantity]]:
 
 
 def _feedback(system: System) -> list[str]:
-    """Return what of forces, normal forces and blocks is linear, and what else it is."""
+    """Return how forces, normal forces and blocks depend on the state: linearly, or how else."""
     lines = [f"  {label}: {_form(load)}" for label, load in _fed_back(system.scene)]
     lines += [f"  {place.block.label}: {_block(place.block)}" for place in system.blocks.values()]
     if not lines:
@@ -260,7 +260,7 @@ def _form(load: Quantity) -> str:
 
 
 def _block(block: AnyBlock) -> str:
-    """Return what a block is."""
+    """Return the kind of a block in words."""
     if isinstance(block, Sampled):
         return f"sampled every {block.period:g} s, held between"
     if isinstance(block, StateSpace):
@@ -322,7 +322,7 @@ def _count(number: int, name: str) -> str:
 
 
 def _left_out(count: int, most: int = _LISTED) -> list[str]:
-    """Return the line at the end of a list that shows the first ones of so many; none where it shows all."""
+    """Return the last line of a list that shows only the first `most` of `count` entries; none if it shows all."""
     return [f"  ... and {count - most} more"] if count > most else []
 
 

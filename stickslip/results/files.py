@@ -1,4 +1,4 @@
-"""Results as npz files, from which all of them is read back without loss."""
+"""Results as npz files, which are read back without loss."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def save(result: Readable, path: Target) -> None:
     """Write a result as npz, from which `stickslip.load` brings back all of it.
 
     Beside what `stickslip.load` needs, the file holds ``t``, ``y``, ``force``, ``breakaway`` and ``mode`` (a row per
-    contact), so that it can be read without this package. Of runs in a row it holds these of each, as ``run.0.t``
+    contact), so that it can be read without this package. For runs in a row it holds these of each run, as ``run.0.t``
     and so on.
 
     Parameters
@@ -96,9 +96,10 @@ def _arrays(result: Outcome) -> dict[str, Any]:
 
 
 def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Outcome | list[Outcome]:
-    """Return what `save` wrote; of runs in a row a list.
+    """Return the run that `save` wrote, or a list of runs in a row.
 
-    Where signals or laws of the scene are code that no file holds, it has to be given; of runs in a row that of each.
+    Where signals or laws of the scene are code, which no file holds, `scene` has to be given: for runs in a row one
+    for each.
     """
     try:
         with file_path(path, "load").open("rb") as opened:
@@ -126,12 +127,12 @@ def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Outcome 
 
 
 def _under(prefix: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arrays whose names begin so, under the rest of their names."""
+    """Return the arrays whose names begin with `prefix`, under the rest of their names."""
     return {name.removeprefix(prefix): data[name] for name in data if name.startswith(prefix)}
 
 
 def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: Target) -> Outcome:
-    """Return what the arrays of one run hold."""
+    """Return the run that the arrays hold."""
     start, stop = about["span"]
     simulated = _scene_of(about, scene, path)
     known = {name for name in about.get("positions", ()) if name in System(simulated).index}
@@ -197,7 +198,7 @@ def _scene_of(about: Mapping[str, Any], scene: Any, path: Target) -> Scene:
     if scene is not None:
         if not isinstance(scene, Scene):
             raise TypeError(f"load: scene must be a Scene, got {type(scene).__name__}")
-        # the names tell whether another scene was simulated where one of them holds code
+        # scenes with code cannot be compared here: `_kept` compares their names
         given = _scene_to_dict(scene)
         if given is not None and about["scene"] not in (None, json.loads(json.dumps(given))):
             raise ValueError(

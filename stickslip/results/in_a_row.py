@@ -1,4 +1,4 @@
-"""What several runs in a row know of one name: not every run has every body and contact."""
+"""Reading one name from several runs in a row: not every run has every body and contact."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ T = TypeVar("T")
 
 
 def of_each(runs: Sequence[Outcome], read: Callable[[Samples], T]) -> list[T | None]:
-    """Return what is read of each run, and None where a run does not know what it is asked for.
+    """Return what `read` returns for each run, and None where a run does not have the name.
 
-    If no run knows it, its ValueError goes on.
+    If no run has it, the ValueError of the last one is raised.
     """
     found: list[T | None] = []
     fault: ValueError | None = None
@@ -35,7 +35,7 @@ def of_each(runs: Sequence[Outcome], read: Callable[[Samples], T]) -> list[T | N
 def joined(parts: Sequence[NDArray[Any] | None], sizes: Sequence[int]) -> NDArray[Any]:
     """Return arrays one after another along their last axis, with NaN where one is missing or has fewer lines.
 
-    `sizes` are how many times each has.
+    `sizes` are the numbers of times in the runs.
     """
     known = [part for part in parts if part is not None]
     lines = max(part.shape[:-1] for part in known)

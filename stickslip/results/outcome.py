@@ -1,4 +1,4 @@
-"""What a simulation hands back beside the motion: events, and how it ended; and what can be drawn of it."""
+"""One run of a simulation: its events, how it ended, and its motion at the times of the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One name for two things: a quantity of a block, and what writes results."""
+"""One name for two things: a quantity of a block, and functions that write results."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from stickslip.results import files, tables
 
 
 class _Output:
-    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results."""
+    """``output(block)`` is a quantity; ``output.to_csv`` and others like it write results."""
 
     __call__ = staticmethod(output_of)
     columns = staticmethod(tables.columns)
@@ -20,6 +20,6 @@ class _Output:
     read = staticmethod(files.read)
 
 
-# ``output(block, index=0)`` is output `index` of a block, as a quantity; ``output.to_csv(result, path)`` and its
-# sisters write results.
+# ``output(block, index=0)`` is output `index` of a block, as a quantity; ``output.to_csv(result, path)`` and others
+# like it write results.
 output = _Output()

@@ -1,6 +1,6 @@
-"""Motions known part by part: for every body and row the series that hold from each event that reached it on.
+"""Motions known part by part: every body and row has its own series, a new one from each event that reached it on.
 
-To read them costs what is read: nothing is stored for the whole scene at an event.
+Nothing is stored for the whole scene at an event, and reading costs only what is read.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stickslip.results.pickled import PickledByFields
 
 T = TypeVar("T", bound=np.generic)
 
-_VALUES = 64_000  # values that are computed at once: memory stays near the processor
+_VALUES = 64_000  # values that are computed at once: they fit into the cache of the processor
 
 # Fields of a patchwork that stand in files under their own names.
 _ARRAYS = ("starts", "ticks", "piece_of_tick")
@@ -34,32 +34,32 @@ _SHOWN = 10
 
 
 def packed(mode: Modes, shown: Modes) -> Modes:
-    """Return numbers that stand for modes as the equations know them and, of open rows, for what these show.
+    """Return one number for each row: its mode as the equations know it and, if it is open, the mode that it shows.
 
-    An open row stands as OPEN and ten times the mode that it shows.
+    The number of an open row is OPEN plus ten times the mode that it shows.
     """
     return np.asarray(np.where(mode == OPEN, OPEN + _SHOWN * shown, mode), dtype=np.int8)
 
 
 def _unpacked() -> Modes:
-    """Return what the equations know, and what is shown, for all numbers that stand for modes, taken without sign."""
+    """Return for each number of `packed`, taken without sign, the mode in the equations and the mode shown."""
     found = np.stack(2 * [np.arange(256, dtype=np.uint8).astype(np.int8)])
     for shown in (-1, 0, 1):
         found[:, (OPEN + _SHOWN * shown) % 256] = OPEN, shown
-    # what carries its level is at rest
+    # a row that carries its level shows rest
     found[1, [AT_HIGH, AT_LOW]] = 0
     return found
 
 
 _UNPACKED = _unpacked()
 
-_IN_ENTRY = 3  # times of an entry at which the range of what it gives is looked for
+_IN_ENTRY = 3  # times of an entry from which the range of its values is taken
 
 
 class Patches:
-    """Collects what a run expands: at each tick some bodies and rows.
+    """Collects the series that a run computes: at each tick those of some bodies and rows.
 
-    `unit` is the time in s by which the series are scaled.
+    A tick is a time from which new series hold. `unit` is the time in s by which the series are scaled.
     """
 
     def __init__(self, system: System, t: float, unit: float, drives: Drives) -> None:
@@ -72,28 +72,28 @@ class Patches:
         self.entries = 0
 
     def tick(self, t: float, is_event: bool) -> None:
-        """Begin what changes at time `t`."""
+        """Begin a tick at time `t`; an event begins a piece, too."""
         if is_event:
             self.starts.append(t)
         self._ticks.append(t)
         self._piece.append(len(self.starts) - 1)
 
     def bodies(self, bodies: Indices, origin: Array, position: Array, velocity: Array, lead: Array) -> None:
-        """Enter the series of some bodies; the rows of `velocity` may have fewer terms than others."""
+        """Enter the series of some bodies; `velocity` may have fewer terms than in other entries."""
         self._bodies.append((len(self._ticks) - 1, bodies, origin, position, lead, velocity))
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
-        """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing.
+        """Enter modes of some rows, and series of the forces of those that are held; other series are ignored.
 
-        Gaps have the number of their region in place of the time `since` when a row rests.
+        `since` is the time since when a row rests, but for a gap the number of its region.
         """
         force = np.where(mode[:, None] == 0, force, 0.0)
         self._rows.append((len(self._ticks) - 1, rows, origin, mode, since, force))
         self.entries += force.size
 
     def until(self, stop: float) -> Patchwork:
-        """Return all, up to time `stop`."""
+        """Return all that was entered as a patchwork that ends at time `stop`."""
         return Patchwork(
             self._system,
             np.array(self.starts),
@@ -109,20 +109,20 @@ class Patches:
 
 @dataclass(frozen=True)
 class SeriesOfMany(PickledByFields):
-    """Polynomials of many things, those of one thing together and in order of time."""
+    """Polynomials of many things, which are bodies or rows: those of one thing together and in order of time."""
 
     # (r,): from which tick on an entry holds, and for which body or row
     tick: Indices
     thing: Indices
     origin: Array  # (r,)
-    # (r,): position and lead of a body; mode of a row, and its start of rest or, of a gap, its region
+    # (r,): of a body its position and its lead; of a row its mode and when it came to rest, of a gap its region
     first: Array
     second: Array
     terms: Array  # (r, order + 1)
 
     @classmethod
     def of(cls, entries: list[tuple[Any, ...]]) -> SeriesOfMany:
-        """Return entries in order; each is the number of a tick, and all others of the fields for some things."""
+        """Return entries in order; each one holds the number of a tick, and the other fields for some things."""
         width = max(1, *(entry[-1].shape[1] for entry in entries))
         ticks = np.repeat([entry[0] for entry in entries], [entry[1].size for entry in entries])
         columns = [ticks, *(np.concatenate([entry[k] for entry in entries]) for k in range(1, 5))]
@@ -142,7 +142,7 @@ class SeriesOfMany(PickledByFields):
         return self.thing.searchsorted(np.arange(int(self.thing[-1]) + 2 if self.thing.size else 1))
 
     def held(self, ticks: Indices, things: slice) -> HeldEntries:
-        """Return which entries of some things hold at some ticks, in order."""
+        """Return which entries of some things hold at some ticks, which are in rising order."""
         first, stop, _ = things.indices(self.firsts.size - 1)
         firsts = self.firsts[first : stop + 1]
         low, high = int(firsts[0]), int(firsts[-1])
@@ -154,7 +154,7 @@ class SeriesOfMany(PickledByFields):
         return HeldEntries(slice(low, high), ends - begins, (stop - first, ticks.size))
 
     def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, HeldEntries]]:
-        """Yield some things at a time and which of their entries hold at some ticks."""
+        """Yield blocks of some things, and which of their entries hold at some ticks."""
         first, stop, _ = things.indices(self.firsts.size - 1)
         count = _VALUES // max(ticks.size, 1) + 1
         for begin in range(first, stop, count):
@@ -163,18 +163,18 @@ class SeriesOfMany(PickledByFields):
 
     @cached_property
     def is_bent(self) -> Mask:
-        """Which entries are no constants."""
+        """Which entries are not constant."""
         return np.asarray(self.terms[:, 1:].any(axis=1))
 
     @cached_property
     def is_moved(self) -> Mask:
-        """Which entries have integrals that are no constants."""
+        """Which entries have integrals that are not constant."""
         return np.asarray(self.is_bent | (self.terms[:, 0] != 0))
 
     def values(self, held: HeldEntries, t: Array, unit: float, integrated: bool = False) -> Array:
-        """Return the values of entries at times, or their integrals on from what they begin with.
+        """Return the values of entries at times, or their integrals, which begin with `first`.
 
-        The times are in the shape of `held`, or the same for each of its things.
+        The times have the shape of `held`, or are one line that holds for each of its things.
         """
         own, counts = held.entries, held.counts
         begin, bent = (self.first, self.is_moved) if integrated else (self.terms[:, 0], self.is_bent)
@@ -204,18 +204,18 @@ class SeriesOfMany(PickledByFields):
 
 @dataclass(frozen=True)
 class HeldEntries:
-    """Which entries of series hold at some times, for one thing after the other."""
+    """Which entries of series hold at some times, one thing after the other."""
 
     entries: slice | Indices  # the entries of these things
     counts: Indices  # at how many times in a row each of them holds
     shape: tuple[int, int]  # how many things and times there are
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return at all times what each entry has, a line for each thing."""
+        """Return at each time the value of the entry that holds then, a line for each thing."""
         return values[self.entries].repeat(self.counts).reshape(self.shape)
 
     def of_all(self, t: Array) -> Array:
-        """Return times that are the same for each thing, or in the shape of all, in one line."""
+        """Return times, given in the full shape or as one line that holds for each thing, as one flat array."""
         found = np.empty(self.shape)
         found[:] = t
         return found.ravel()
@@ -226,7 +226,7 @@ def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Ar
     found = np.zeros(size)
     if not first.size:
         return found
-    # a range is two of a power of 2 that overlap; each of these is two of half its length
+    # each range is covered by two that overlap and have a power of 2 as length; each of these by two of half its length
     powers = np.log2(last - first).astype(np.intp)
     begins, values = np.append(first, last - (1 << powers)), np.append(values, values)
     both = np.append(powers, powers)
@@ -240,7 +240,7 @@ def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Ar
 
 @dataclass(frozen=True)
 class Patchwork(PickledByFields):
-    """A motion between two breaks of the loads, with all its events."""
+    """A motion without breaks of the loads inside, with all its events."""
 
     system: System = field(repr=False)
     starts: Array  # (p,): when each piece begins: the start, and every event
@@ -265,7 +265,7 @@ class Patchwork(PickledByFields):
 
     @classmethod
     def from_arrays(cls, system: System, arrays: dict[str, NDArray[Any]]) -> Patchwork:
-        """Return what `to_arrays` wrote."""
+        """Return the patchwork from which `to_arrays` made these."""
         stop, unit, since = arrays["about"].tolist()
         bodies, rows = (
             SeriesOfMany(**{one.name: arrays[f"{kind} {one.name}"] for one in fields(SeriesOfMany)})
@@ -287,7 +287,7 @@ class Patchwork(PickledByFields):
         return self.stops - self.starts
 
     def times(self, piece: Indices, taus: Array) -> Array:
-        """Return at what it is read for local times of pieces: at times of the motion."""
+        """Return the times at which a patchwork is read for local times of pieces: times of the whole motion."""
         return self.starts[piece] + taus
 
     def _ticks(self, piece: Indices, t: Array) -> Indices:
@@ -298,7 +298,7 @@ class Patchwork(PickledByFields):
         return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
 
     def _in_order(self, piece: Indices, t: Array) -> tuple[Indices, Array, Indices | slice]:
-        """Return the ticks at times of pieces, and these times, in order, and the place there of each given one."""
+        """Return the ticks at times of pieces and these times, both sorted by tick, and where each given one stands."""
         ticks = self._ticks(piece, t)
         if (ticks[1:] >= ticks[:-1]).all():
             return ticks, t, slice(None)
@@ -313,7 +313,7 @@ class Patchwork(PickledByFields):
         things: slice,
         read: Callable[[HeldEntries, Array], NDArray[T]],
     ) -> NDArray[T]:
-        """Return what is read of some things at times of pieces, a line each, whatever the order of the times."""
+        """Return what `read` finds for some things at times of pieces, a line each; the times may be in any order."""
         ticks, t, back = self._in_order(piece, t)
         blocks = [read(held, t) for _, held in series.in_blocks(ticks, things)]
         found = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
@@ -334,7 +334,7 @@ class Patchwork(PickledByFields):
         return y[:, back]
 
     def velocities(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
-        """Return velocities of bodies at times of pieces; those that a drive leads have its own, to the bit."""
+        """Return velocities of bodies at times of pieces; bodies that a drive leads have its velocity, to the bit."""
         return self._read(self.bodies, piece, t, bodies, self._velocity)
 
     def _velocity(self, held: HeldEntries, t: Array) -> Array:
@@ -391,11 +391,11 @@ class Patchwork(PickledByFields):
         """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
         return self._read(self.rows, piece, t, rows, lambda held, t: self.rows.values(held, t, self.unit))
 
-    # -- how it bends ----------------------------------------------------------------------------------------
+    # -- ranges and second derivatives -----------------------------------------------------------------------
 
     @cached_property
     def steps(self) -> tuple[Array, Indices]:
-        """The times at which steps begin, and the piece of each: all ticks, but of several at one time the first."""
+        """The times at which steps begin, and the piece of each: all ticks, of several at one time only the first."""
         t, piece = self.ticks, self.piece_of_tick
         is_new = np.append(True, (t[1:] > t[:-1]) | (piece[1:] > piece[:-1]))
         return t[is_new], piece[is_new]
@@ -409,7 +409,7 @@ class Patchwork(PickledByFields):
 
     @property
     def ranges(self) -> tuple[Array, Array]:
-        """The least and the largest velocities of all bodies, and with them how far each has come."""
+        """The least and the largest velocities and positions of all bodies: two arrays (2, n)."""
         return self._course[:2]
 
     @cached_property
@@ -441,7 +441,10 @@ class Patchwork(PickledByFields):
         return low, high, bounds / [[self.unit], [self.unit**2]]
 
     def worst(self, speed: Array, distance: Array) -> Array:
-        """Return for each step the largest second derivative, as a part of what is given for each body's."""
+        """Return for each step, scaled to length 1, the largest second derivative as a part of the one allowed.
+
+        `speed` and `distance` are those allowed for the velocity and the position of each body.
+        """
         series, (begins, _) = self.bodies, self.steps
         bend = (self._course[2] / [distance[series.thing], speed[series.thing]]).max(axis=0)
         bent = bend.nonzero()[0]
@@ -461,7 +464,7 @@ class Patchwork(PickledByFields):
         return np.concatenate([[self.starts[k]], np.unique(inner), [stop]])
 
     def path(self, k: int) -> Path:
-        """Return the states of all the scene over a piece."""
+        """Return the states of the whole scene over a piece."""
         system, ends = self.system, self.ends(k)
         t, stop = float(ends[0]), float(ends[-1])
         width = self.bodies.terms.shape[1] + 1

@@ -1,4 +1,4 @@
-"""What of a frozen dataclass is pickled: its fields."""
+"""Pickles of frozen dataclasses: they hold the fields only."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class PickledByFields:
-    """A dataclass that leaves out of a pickle what follows from its fields and was kept."""
+    """A dataclass whose pickles hold its fields, but no cached values that follow from them."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]

@@ -27,10 +27,10 @@ class Piece:
     stop: float
     y: Array = field(repr=False)  # (size,): state at the start
     modes: Modes  # (m,): modes as the equations know them
-    labels: Modes  # (m,): modes that the rows show: -1, 0 or +1
+    labels: Modes  # (m,): modes that the rows show: -1, 0 or +1, OPEN where a gap or stop is
     since: Array = field(repr=False)  # (m,): when each row last became held, in s
     regions: Regions = field(repr=False)  # (p,): the region of each piecewise-linear function
-    # (m,): of the rows, with which it began; None for none
+    # (m,): impulses of the rows at the start; None if there were none
     impulses: Array | None = field(repr=False)
     lost: Array | None = field(repr=False)  # (m,): the energy in J that each row took with its impulse
     path: Path | None = field(repr=False)  # the states; None where only the requested outputs were kept
@@ -48,7 +48,7 @@ class Piece:
 
     @classmethod
     def of(cls, patchwork: Patchwork, k: int, path: Path | None) -> Piece:
-        """Return a piece of what is known part by part."""
+        """Return one piece of a patchwork."""
         at, t = np.array([k]), patchwork.starts[k : k + 1]
         inner, shown = patchwork.modes(at, t)
         since, regions = patchwork.since_when(at, t)[:, 0], patchwork.regions(at, t)[:, 0]
@@ -58,7 +58,7 @@ class Piece:
 
 
 class WholePieces:
-    """Pieces that are stored as a whole, side by side, read as a patchwork is, but at local times."""
+    """Pieces that are stored as a whole, side by side. They are read like a patchwork, but at local times."""
 
     def __init__(self, system: System, pieces: Sequence[Piece]) -> None:
         self._system, self.pieces = system, pieces
@@ -115,7 +115,7 @@ class WholePieces:
 
     @staticmethod
     def times(piece: Indices, taus: Array) -> Array:
-        """Return at what whole pieces are read for local times of them: at these."""
+        """Return the times at which whole pieces are read: the local times themselves."""
         return taus
 
     def modes(self, piece: Indices, taus: Array, rows: slice = slice(None)) -> Modes:
@@ -131,7 +131,7 @@ class WholePieces:
         return self._regions[self._system.piecewise.among(rows)].take(piece, axis=1)
 
     def forces(self, piece: Indices, taus: Array, rows: slice = slice(None)) -> Array:
-        """Return 0: the forces of held rows are not known row by row."""
+        """Return zeros: whole pieces do not store the forces of held rows."""
         return np.zeros((len(range(self._system.m)[rows]), taus.size))
 
     def states(self, piece: Indices, taus: Array) -> Array:
@@ -158,7 +158,7 @@ class Pieces(PickledByFields, Sequence[Piece]):
 
     @cached_property
     def firsts(self) -> Indices:
-        """The number of the first piece of each part, and that of all."""
+        """The number of the first piece of each part, then the number of all pieces."""
         sizes = [part.starts.size if isinstance(part, Patchwork) else 1 for part in self.parts]
         return np.cumsum([0, *sizes])
 
@@ -178,6 +178,6 @@ class Pieces(PickledByFields, Sequence[Piece]):
         return part if isinstance(part, Piece) else Piece.of(part, k, part.path(k))
 
     def part(self, number: int) -> tuple[Piece | Patchwork, int]:
-        """Return what holds a piece, and its number there."""
+        """Return the part that holds a piece, and the number of the piece there."""
         place = int(self.firsts.searchsorted(number, side="right")) - 1
         return self.parts[place], number - int(self.firsts[place])

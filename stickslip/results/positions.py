@@ -1,4 +1,4 @@
-"""Positions that no spring made states: integrals of velocities, exact for the polynomials of the steps."""
+"""Positions that are no states: integrals of velocities, exact for the polynomials of the steps."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _NODES = 10  # Gauss nodes in each part of a period of a drive; exact for polyno
 def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array:
     """Return how far the bodies have come since the start of the trajectory, in m or rad, a line each.
 
-    ``x(t) - x_0 = integral of v dt``. The polynomials of free bodies are integrated term by term; bodies that are
-    held go where those that hold them go.
+    ``x(t) - x_0 = integral of v dt``. The polynomials of free bodies are integrated term by term; distances of bodies
+    that follow others through held rows are computed from these.
     """
     system = trajectory.system
     if not taus.size:
         return np.zeros((system.n, 0))[bodies]
     if (moved := trajectory.moved(piece_of, taus, bodies)) is not None:
         return moved
-    # within their pieces: to the ends of all pieces before the last one that is asked for, then to the times
+    # distances since the starts of pieces: at the ends of all pieces before the last one needed, then at the times
     before = np.arange(int(piece_of.max()))
     numbers = np.concatenate([before, piece_of])
     local = np.concatenate([trajectory.ends[before], taus])
@@ -54,11 +54,11 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     marks = [times, loads.periods(start, stop, _PER_PERIOD)]
     marks.append(np.array([b for b in loads.breaks if start < b < stop]))
     if loads.has_functions:
-        # nobody knows how fast functions change but the solver, which had to step accordingly
+        # how fast functions change is not known: the steps of the solver had to follow them, and are short enough
         ends = [t + trajectory.steps(k) for k, t in enumerate(trajectory.starts.tolist())]
         marks += [end[end <= stop] for end in ends]
     edges = np.sort(np.concatenate(marks))
-    # a straight line is integrated exactly with a single node
+    # without a period, velocities are straight lines, for which a single node is exact
     x, weights = gauss_nodes(1 if math.isinf(loads.period) else _NODES)
     half = 0.5 * (edges[1:] - edges[:-1])
     nodes = ((0.5 * (edges[1:] + edges[:-1]))[:, None] + half[:, None] * x).ravel()

@@ -1,4 +1,4 @@
-"""What is read of a simulated motion by name: of one run, or of several in a row."""
+"""Quantities of a simulated motion, read by name: of one run, or of several in a row."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from stickslip.results.samples import Samples
 class Readable(PickledByFields):
     """A motion that is read by name at the times `t`."""
 
-    if TYPE_CHECKING:  # of one run these are fields
+    if TYPE_CHECKING:  # subclasses define these, partly as fields
 
         @property
         def runs(self) -> Sequence[Outcome]:
-            """The runs of which it is made, in order of time."""
+            """The runs that make up the motion, in order of time."""
 
         @property
         def scene(self) -> Scene:
@@ -49,13 +49,13 @@ class Readable(PickledByFields):
             """Return the energy ledger."""
 
         def sample(self, times: int) -> Self:
-            """Return the same motion at so many evenly spaced times."""
+            """Return the same motion at a number of evenly spaced times."""
 
         def fit_for_plot(self, points: int = 0) -> Self:
             """Return the same motion at times between which straight lines look like it."""
 
     def _read(self, read: Callable[[Samples, str], NDArray[Any]], name: str) -> NDArray[Any]:
-        """Return what is read of something by name at the times `t`."""
+        """Return at the times `t` the quantity that `read` takes from samples, for the element with a name."""
         raise NotImplementedError
 
     def velocity(self, body: str) -> Array:
@@ -73,7 +73,8 @@ class Readable(PickledByFields):
     def position(self, body: str) -> Array:
         """Return the position of a body or drive at the times `t`, in m or rad, shape (n,).
 
-        ``x = x_0 + integral of v dt``, by Gauss quadrature where it is no state.
+        ``x = x_0 + integral of v dt``. Where the position is no state, the polynomials of the steps are integrated
+        exactly, and velocities of drives by Gauss quadrature.
 
         Raises
         ------
@@ -186,7 +187,7 @@ class Readable(PickledByFields):
         Returns
         -------
         array (n,) or (states, n)
-            In one line where it has one state.
+            The first where the block has one state.
 
         Raises
         ------
@@ -207,7 +208,7 @@ class Readable(PickledByFields):
         Returns
         -------
         array (n,) or (outputs, n)
-            In one line where it has one output.
+            The first where the block has one output.
 
         Raises
         ------
@@ -219,7 +220,7 @@ class Readable(PickledByFields):
 
 
 def times_within(times: int | Sequence[float] | Array, start: float, stop: float) -> Array:
-    """Return times at which to sample: those given, or so many evenly spaced ones."""
+    """Return the times at which to sample: those given, or evenly spaced ones where `times` is their number."""
     if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
         return np.linspace(start, stop, whole(times, "sample: number of times", 2))
     if not isinstance(times, Iterable) or isinstance(times, str):
@@ -228,7 +229,7 @@ def times_within(times: int | Sequence[float] | Array, start: float, stop: float
 
 
 def check_result(result: Any, what: str) -> None:
-    """Refuse what is no result of a simulation.
+    """Raise a TypeError unless `result` is the result of a simulation.
 
     `what` begins the message.
     """

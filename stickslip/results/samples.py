@@ -1,7 +1,7 @@
 """A trajectory read at some times: every quantity by name.
 
-Each quantity is computed of all names together when it is first asked for; another name is a line of the same table.
-Only where a large scene is known part by part is each name read for itself.
+Each quantity is computed for all names together when it is first asked for. Later another name only takes its line of
+the same table. In patchworks of large scenes each name is computed by itself.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from stickslip.results.trajectory import Trajectory, at_rows, by_piece, columns
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
 
-# States at all times, from so many on, are read by name where that costs no more than what is read.
+# With more values of states at all times than this, patchworks are read name by name: that costs only what is read.
 _WIDE = 2_000_000
 
 _AT_ONCE = 1_000_000
 _PER_PERIOD = 8
 
-# Gauss nodes per step; exact for polynomials of degree 19, and for products of two series to the last bit.
+# Gauss nodes per interval at most: exact for polynomials of degree 19, and to the last bit for products of two series.
 _MOST_NODES = 10
 
 
@@ -49,16 +49,16 @@ class Samples(PickledByFields):
     # (k,): the piece that each time belongs to: at an event there is one before and one after
     piece_of: Indices = field(repr=False)
     taus: Array = field(repr=False)  # (k,): the times since the start of their pieces in s
-    # (size, k): states there, where they were kept; None where they are read of the trajectory
+    # (size, k): states at these times if they are stored; None if they are computed from the trajectory
     kept: Array | None = field(default=None, repr=False)
-    # the rows whose quantities are read: all, or one of many
+    # the rows whose quantities are read: all, or a single one of a large scene
     rows: slice = field(default_factory=lambda: slice(None), repr=False)
 
     @classmethod
     def at_local(cls, trajectory: Trajectory, piece_of: Indices, taus: Array) -> Samples:
         """Return a trajectory at local times in s of its pieces."""
         stops = trajectory.stops[piece_of]
-        # what is added up to an end has been rounded
+        # at the end of a piece, start + tau is rounded: the stop is exact
         t = np.where(taus >= trajectory.ends[piece_of], stops, np.minimum(trajectory.starts[piece_of] + taus, stops))
         return cls(trajectory, t, piece_of, taus)
 
@@ -80,14 +80,14 @@ class Samples(PickledByFields):
 
     @cached_property
     def is_wide(self) -> bool:
-        """Whether there are so many states that they are read by name."""
+        """Whether there are so many values that each name is read by itself."""
         return self.trajectory.is_patchwork and self.system.size * self.t.size > _WIDE and self.kept is None
 
     @cached_property
     def y(self) -> Array:
         """States, a column for each time.
 
-        Velocities of held bodies are written through the ties that hold them: equal velocities are equal to the bit.
+        Velocities of held bodies follow from the rows that hold them, so that equal velocities are equal to the bit.
         """
         if self.kept is not None:
             return self.kept
@@ -100,7 +100,7 @@ class Samples(PickledByFields):
 
     @cached_property
     def _held(self) -> list[tuple[Mask, Indices | slice]]:
-        """Each set of held rows, and at which of the times it holds."""
+        """The sets of held rows, each with the times at which its rows are held."""
         return list(self.trajectory.by_held(self.piece_of))
 
     # -- by name ------------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ class Samples(PickledByFields):
         return np.zeros_like(self.t) if i == n + self.system.drives else _line(self.drive_velocities, i - n)
 
     def _by_itself(self, body: int, integrated: bool = False) -> Array:
-        """Return the velocity of a body, or its position where that is a state."""
+        """Return the velocity of one body, or its position (`integrated`) if that is a state."""
         return self.trajectory.of_body(self.piece_of, self.taus, body, integrated)
 
     def position(self, body: str) -> Array:
@@ -152,7 +152,7 @@ class Samples(PickledByFields):
 
     @cached_property
     def _lines(self) -> Array:
-        """The states as they are handed out."""
+        """The states as a view that users cannot change."""
         return for_reading(self.y.view())
 
     def force(self, row: str) -> Array:
@@ -164,7 +164,7 @@ class Samples(PickledByFields):
         return self._read("normals", row)
 
     def mode(self, row: str) -> Modes:
-        """Return the mode of a row: -1, 0 or +1, or 2 where a gap is open."""
+        """Return the mode of a row: -1, 0 or +1, or 2 where a gap or stop is open."""
         return self._read("modes", row)
 
     def forward_level(self, row: str) -> Array:
@@ -201,7 +201,7 @@ class Samples(PickledByFields):
         return found
 
     def _read(self, table: str, row: str) -> NDArray[Any]:
-        """Return the line of a row of a table; where these are large, of a table with this line only."""
+        """Return the line of a row in a table; where there are many values, only this line is computed."""
         j = self.row(row)
         if self.is_wide:
             return np.array(getattr(replace(self, rows=slice(j, j + 1)), table)[0])
@@ -215,7 +215,7 @@ class Samples(PickledByFields):
         return self._clocked(states) if isinstance(place.block, Sampled) else self.y[states]
 
     def _clocked(self, states: slice) -> Array:
-        """Return states that change at samples only, as they are at the starts of pieces."""
+        """Return states that change at samples only: those at the starts of pieces hold in all of the piece."""
         pieces = self.trajectory.pieces
         found = np.empty((states.stop - states.start, self.t.size))
         for number, chosen in by_piece(self.piece_of):
@@ -247,7 +247,7 @@ class Samples(PickledByFields):
     def drive_velocities(self) -> Array:
         """Velocities of the drives in m/s or rad/s, a line each."""
         if self.trajectory.is_patchwork:
-            # there may be too many other inputs
+            # only these lines: a large scene may have very many other inputs
             return for_reading(self.trajectory.drive_velocities(self.piece_of, self.taus))
         return for_reading(self.system.drive_velocities(self._loads))
 
@@ -282,14 +282,14 @@ class Samples(PickledByFields):
         """Normal forces in N."""
         if not self.trajectory.is_patchwork:
             return for_reading(np.maximum(self.inputs[: self.system.m], 0.0))
-        # no load depends on the state: other inputs need not be known
+        # in patchworks no load depends on the state, so other inputs are not needed
         rows = slice(*self.rows.indices(self.system.m))
         loads = self.trajectory.loads_at(self.piece_of, self.taus, rows)
         return for_reading(np.maximum(loads, 0.0, out=loads))
 
     @cached_property
     def _modes(self) -> tuple[Modes, Modes]:
-        """Modes as the equations know them, and those shown."""
+        """Modes as the equations know them, and modes that the rows show."""
         inner, shown = self.trajectory.modes(self.piece_of, self.taus, self.rows)
         free = self.system.free[self.rows].nonzero()[0]
         if free.size:
@@ -306,13 +306,14 @@ class Samples(PickledByFields):
     def forward_levels(self) -> Array:
         """Breakaway levels for forces above 0, in N or N m.
 
-        Static coefficients less what the dwell has not yet raised. While a row slips, it would stick at these levels.
+        Coefficients rise to the static ones over the dwell time. While a row slips, these are the levels with which it
+        would begin to stick.
         """
         return self._levels(0)
 
     @cached_property
     def backward_levels(self) -> Array:
-        """Breakaway levels for forces below 0, in N or N m; the same table where these are the same levels."""
+        """Breakaway levels for forces below 0, in N or N m: the table of `forward_levels` itself if no row differs."""
         return self._levels(1) if self.system.has_sides[self.rows].any() else self.forward_levels
 
     def _levels(self, side: int) -> Array:
@@ -352,12 +353,12 @@ class Samples(PickledByFields):
 
     @cached_property
     def powers(self) -> Array:
-        """What rows dissipate, in W."""
+        """Powers ``r w`` that rows dissipate, in W."""
         return for_reading(self.forces * self.relative_velocities)
 
     @cached_property
     def forces(self) -> Array:
-        """Forces of rows in N or N m; held ones once for each set of held rows."""
+        """Forces of rows in N or N m; those of held rows are computed once for each set of held rows."""
         system, trajectory, (inner, _) = self.system, self.trajectory, self._modes
         forces = trajectory.held_forces(self.piece_of, self.taus, self.rows)
         for mode, side in ((1, 0), (-1, 1)):
@@ -372,7 +373,7 @@ class Samples(PickledByFields):
         return for_reading(forces)
 
     def _act(self, forces: Array) -> None:
-        """Write the forces of rows whose law depends on velocity, or that rest at a level."""
+        """Write the forces of rows whose law depends on velocity, and of rows at rest that carry their level."""
         modes, _ = self._modes
         if modes.max(initial=0) >= AT_HIGH:
             for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
@@ -382,7 +383,7 @@ class Samples(PickledByFields):
         if not system.has_velocity_laws:
             return
         at = velocity_dependent_in(modes, system)
-        # rows that share a law are computed at once; laws may hold functions that have no hash
+        # rows that share a law are computed at once; laws go by their id, since some hold functions without a hash
         alike: dict[int, list[int]] = {}
         for j in np.flatnonzero(at.any(axis=1)).tolist():
             alike.setdefault(id(system.laws.laws[j]), []).append(j)
@@ -391,7 +392,7 @@ class Samples(PickledByFields):
                 self._act_in(forces, rows, mode, at[rows] & (modes[rows] == mode))
 
     def _act_in(self, forces: Array, rows: list[int], mode: int, some: Mask) -> None:
-        """Write the forces of rows of one law where they are in one mode: `some` of their times."""
+        """Write the forces of rows with the same law at the times when they are in one mode: where `some` is true."""
         system = self.system
         law = system.laws.laws[rows[0]]
         w, normal = self.relative_velocities[rows][some], self.normals[rows][some]
@@ -419,7 +420,7 @@ class Samples(PickledByFields):
             forces[j - (self.rows.start or 0)] = found
 
     def _hold(self, forces: Array) -> None:
-        """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
+        """Write the forces of held rows, from the balance of other forces on the bodies and their accelerations."""
         system, q, sets = self.system, self.inputs, self._held
         if not sets:
             return
@@ -434,7 +435,7 @@ class Samples(PickledByFields):
 
 
 def _named(known: Mapping[str, V], name: str, what: str) -> V:
-    """Return what has a name; where nothing has, the error says which names there are."""
+    """Return the entry with a name; if there is none, the error lists the known names."""
     try:
         return known[name]
     except (KeyError, TypeError):
@@ -448,7 +449,7 @@ def _line(table: NDArray[T], i: int) -> NDArray[T]:
 
 
 def for_reading(table: NDArray[T]) -> NDArray[T]:
-    """Return a table of which many read lines: no one may write to it."""
+    """Return a table, made read-only because its lines are handed out more than once."""
     table.flags.writeable = False
     return table
 
@@ -456,10 +457,10 @@ def for_reading(table: NDArray[T]) -> NDArray[T]:
 def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Array]) -> Array:
     """Return time integrals from the start of the trajectory to the times of samples, by Gauss quadrature.
 
-    Every step of the solver, every part of a period of the loads, and the times themselves bound an interval. Its
-    nodes are enough for the polynomials within the steps.
+    The solver's steps, parts of the periods of the loads, and the times themselves bound the intervals. Each interval
+    has enough nodes for the polynomials of the steps.
 
-    `integrand` returns so many `lines` at the times of other samples.
+    `integrand` returns a table of `lines` lines at the times of the samples that it is given.
     """
     trajectory = samples.trajectory
     out, base = np.zeros((lines, samples.t.size)), np.zeros(lines)
@@ -480,9 +481,9 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
 
 
 def _blocks(samples: Samples, held: Mapping[int, Indices | slice]) -> Iterator[list[tuple[int, Array]]]:
-    """Yield what is integrated at once: pieces, and local times between which they are smooth, not too many.
+    """Yield blocks of limited size to integrate at once: pieces, and local times between which they are smooth.
 
-    `held` are the times that each piece holds.
+    `held` says which of the samples lie in each piece.
     """
     most = max(_AT_ONCE // (_MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)), 1)
     block: list[tuple[int, Array]] = []

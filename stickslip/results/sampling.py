@@ -1,4 +1,4 @@
-"""At which times a trajectory is read: fit for a plot, as the solver stepped, or evenly spaced."""
+"""The times at which a trajectory is read: fit for a plot, as the solver stepped, or evenly spaced."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ from stickslip.results.steps import Steps
 from stickslip.results.trajectory import Trajectory
 
 _STRAIGHT = 1e-3  # how far straight lines between the times may be off, as a part of each quantity's range
-_NOTHING = 1e-9  # a range below this part of the largest one is roundoff and no reason for more times
+_NOTHING = 1e-9  # a range below this part of the largest value of its kind is roundoff, and needs no more times
 _MOST_PARTS = 200
 
 
 def fit_for_plot(trajectory: Trajectory) -> Samples:
-    """Return a trajectory at times so close that straight lines between them look like it.
+    """Return a trajectory at times so close that straight lines between them look like the motion.
 
     Within a step of length 1 a straight line over a part ``1/k`` is off by at most ``max|y''| / (8 k^2)``. The second
     derivative is bounded by the coefficients of the step's polynomial. Velocities and positions are right to 1e-3 of
-    their ranges, also positions that are no states. Both limits stand at every event, and all ends of steps are kept.
+    their ranges, also positions that are no states. Every event stands twice, with its left and its right limit, and
+    all ends of steps are kept.
     """
     return Samples.at_local(trajectory, *_fit(trajectory))
 
 
 def at_steps(trajectory: Trajectory) -> Samples:
-    """Return a trajectory at the ends of the solver's steps, both limits at every event."""
+    """Return a trajectory at the ends of the solver's steps; every event stands twice, with its two limits."""
     taus = [trajectory.steps(k) for k in range(len(trajectory.pieces))]
     piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
     return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
@@ -72,8 +73,9 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
 def _cut(ends: Array, parts: Indices, counts: Indices) -> tuple[Indices, Array]:
     """Return pieces and local times: the ends of steps, and evenly spaced times within each.
 
-    `ends` are those of one piece after the other, its start among them, and `counts` how many each piece has. The step
-    from each on is cut into so many `parts`; the last of a piece counts 1.
+    `ends` are the local times that bound the steps, one piece after the other, and `counts` how many each piece has.
+    The step after each of them is cut into as many parts as `parts` says; it is 1 for the last of a piece, which no
+    step follows.
     """
     lengths = np.zeros(ends.size)
     lengths[:-1] = ends[1:] - ends[:-1]
@@ -84,12 +86,12 @@ def _cut(ends: Array, parts: Indices, counts: Indices) -> tuple[Indices, Array]:
 
 
 def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Array, Indices, Indices]:
-    """Return of what is known part by part what `_cut` asks for."""
+    """Return ends, parts and counts of a patchwork, as `_cut` needs them."""
     n = system.n
     distance = allowed[system.size :].copy()
     np.minimum.at(distance, system.moved, allowed[system.moved_state])
     begins, piece = part.steps
-    # all pieces in one line: the steps of each begin, then it ends
+    # in `ends`, the begins of the steps of a piece are followed by its end
     place = np.arange(begins.size) + piece
     counts = np.bincount(piece) + 1
     ends, parts = np.empty(begins.size + counts.size), np.ones(begins.size + counts.size, dtype=np.intp)
@@ -103,20 +105,23 @@ def _clipped(worst: Array) -> Indices:
 
 
 class _Look(NamedTuple):
-    """What is asked of the steps of paths; quantities are the states, then the positions of all bodies."""
+    """What the choice of times needs to know of the steps of paths.
 
-    begins: Array  # (k,): local time in s at which each step begins; the last of a path has no length
+    Quantities are the states, followed by the positions of all bodies.
+    """
+
+    begins: Array  # (k,): local time in s at which each step begins; the last step of a path has length 0
     counts: Indices  # (p,): how many steps each path has
     moved: Array  # (k, n): how far the bodies come in each step
-    # (steps, quantities): bounds of second derivatives, if each step had the length 1, of some steps after others
+    # bounds of second derivatives (steps, quantities), with each step scaled to length 1; an array per block of steps
     bends: tuple[Array, ...]
-    # (states,): in all steps
+    # (states,): smallest and largest values in all steps
     low: Array
     high: Array
 
     @classmethod
     def at(cls, steps: Steps, n: int) -> _Look:
-        """Look at the steps of some paths in a scene with so many bodies."""
+        """Return ranges and bounds in the steps of some paths, in a scene with `n` bodies."""
         h = steps.lengths[:, None]
         values_and_integral, derivatives = _weights(steps.coefficients.shape[1], steps.is_chebyshev)
         values = values_and_integral @ steps.coefficients
@@ -132,7 +137,7 @@ class _Look(NamedTuple):
 
 
 def _looked_at(trajectory: Trajectory) -> _Look:
-    """Look at the steps of all paths."""
+    """Return ranges and bounds in the steps of all paths."""
     n, size = trajectory.system.n, trajectory.system.size
     found = [_Look.at(steps, n) for steps in trajectory.whole.steps]
     if len(found) == 1:
@@ -146,7 +151,7 @@ def _looked_at(trajectory: Trajectory) -> _Look:
 
 
 def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
-    """Return how large second derivatives may be in steps of length 1, of each quantity."""
+    """Return for each quantity how large its second derivative may be in a step of length 1."""
     system = trajectory.system
     n, size = system.n, system.size
     travel = _travel(trajectory, steps, patchworks)
@@ -157,19 +162,19 @@ def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwor
         low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)
         low[system.moved_state] = np.minimum(low[system.moved_state], near[system.moved])
         high[system.moved_state] = np.maximum(high[system.moved_state], far[system.moved])
-    # below 0 where nothing is known
+    # states of which no value is known have a range below 0
     ranges, largest = high - low, np.maximum(-low, high)
-    # of velocities, of other states, of which there may be none, and of positions
+    # largest values of three kinds: velocities, other states (there may be none), positions
     of_group = np.maximum.reduceat(largest, [0, n, size]).repeat([n, size - n, n])
     np.maximum(ranges, _NOTHING * of_group, out=ranges)
     return np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
 
 
 def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
-    """Return how far the bodies have come by the ends of steps and at the extremes of other parts, a line each."""
+    """Return how far the bodies have come by the ends of steps, and their extremes in patchworks, a line each."""
     if not patchworks:
         return steps.moved.cumsum(axis=0)
-    # the motion over each patchwork counts as one step more
+    # the motion over each patchwork is inserted as one more step
     is_patchwork = np.array([isinstance(part, Patchwork) for part in trajectory.parts])
     before = np.append(0, steps.counts.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
     gone = np.array([part.at_ends[1] - part.at_ends[0] for part in patchworks])
@@ -182,10 +187,10 @@ def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork
 
 @lru_cache(maxsize=64)
 def _weights(count: int, is_chebyshev: bool) -> tuple[Array, Array]:
-    """Return maps from coefficients of polynomials ``p_j(s)``, s from 0 to 1: ``s^j`` or ``T_j(2 s - 1)``.
+    """Return two matrices for coefficients of polynomials ``p_j(s)``, s from 0 to 1: ``s^j`` or ``T_j(2 s - 1)``.
 
-    The first gives the values at a few places and the integral; the second, of the sizes of the coefficients,
-    gives bounds of the second and of the first derivative.
+    The first one times the coefficients gives the values at a few places and the integral. The second one times their
+    absolute values gives bounds of the second and of the first derivative.
     """
     j, places = np.arange(count, dtype=float), np.linspace(0.0, 1.0, 5)
     whole = whole_integrals(count, is_chebyshev)

@@ -1,4 +1,4 @@
-"""In which part of the time a contact is in each mode."""
+"""The part of the time that a contact spends in each mode."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stickslip.results.samples import Samples
 _OF_CONTACTS = (Mode.BACKWARD, Mode.STUCK, Mode.FORWARD)
 _OF_GAPS = (Mode.BACKWARD, Mode.OPEN, Mode.FORWARD)
 
-# Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign.
+# A smooth law has no events where the velocity changes its sign: each step is cut into this many parts instead.
 _PARTS = 32
 
 
@@ -21,7 +21,7 @@ def share(result: Readable, contact: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a contact spends in each mode; together they are 1.
 
     Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
-    each step. Of runs in a row only those count that know the contact.
+    each step. Of runs in a row, only the time of those that have the contact is counted.
 
     Raises
     ------

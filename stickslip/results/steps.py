@@ -18,11 +18,11 @@ _LEAST = np.finfo(float).tiny
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of paths of one kind in a row; the last of each path is a step of length 0, where the path ends."""
+    """The steps of paths of one kind, path after path; each path ends with a step of length 0."""
 
     begins: Array  # (k,): local time at which each begins, in s
     lengths: Array  # (k,): in s
-    firsts: Indices  # (p + 1,): the first step of each path, and how many there are
+    firsts: Indices  # (p + 1,): the number of the first step of each path, then the number of all steps
     coefficients: Array = field(repr=False)  # (k, terms, size)
     is_chebyshev: bool
 
@@ -32,7 +32,7 @@ class Steps:
         begins = np.concatenate([path.taus for path in paths])
         firsts = np.array([0, *accumulate([path.taus.size for path in paths])])
         lengths = np.zeros(begins.size)
-        # where a path ends, the next one begins anew at 0
+        # from the end of a path to the next begin, which is 0, the difference is negative
         np.maximum(begins[1:] - begins[:-1], 0.0, out=lengths[:-1])
         terms = max([1, *[path.coefficients.shape[1] for path in paths]])
         coefficients = np.zeros((begins.size, terms, paths[0].last.size))
@@ -68,20 +68,20 @@ class Steps:
     def _places(self, path_of: Indices, taus: Array) -> tuple[Indices, Array]:
         """Return the step that holds each local time, and where in it, from 0 to 1."""
         step = self._order.searchsorted(path_of + 1j * taus, "right") - 1
-        # a step of length 0 holds no time but its begin
+        # in a step of length 0 the only time is its begin, and the place is 0
         return step, (taus - self.begins[step]) / np.maximum(self.lengths[step], _LEAST)
 
     @cached_property
     def _order(self) -> Complex:
-        """Paths and begins of steps as numbers that are in order.
+        """The path and the begin of each step as one complex number, in rising order.
 
-        Complex numbers are in order of their real parts, those with the same in order of their imaginary parts.
+        Complex numbers are sorted by their real parts, and those with equal real parts by their imaginary parts.
         """
         return np.arange(self.paths).repeat(self.counts) + 1j * self.begins
 
 
 class Blocks:
-    """The steps of many paths, not too many side by side; where there are few, they are put together once."""
+    """The steps of many paths in blocks of limited size; if one block holds all, it is kept."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = paths
@@ -95,7 +95,7 @@ class Blocks:
             yield from (Steps.of(self._paths[some]) for some in _limits(self._paths))
 
     def of(self, path_of: Indices) -> Iterator[tuple[Mask | slice, Indices, Steps]]:
-        """Yield the steps of paths with some numbers, with the places of these and their numbers among them."""
+        """Yield which entries of `path_of` a block holds, the numbers of their paths in it, and its steps."""
         if self._all is not None:
             yield slice(None), path_of, self._all
             return

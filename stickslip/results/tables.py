@@ -27,7 +27,7 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     Parameters
     ----------
     result : Result or Joined
-        What one of several runs in a row does not know is NaN in its part.
+        In runs in a row, what a run does not have is NaN at its times.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     """
     check_result(result, "columns")
     systems = [run.samples.system for run in result.runs]
-    # what is a state in one of several runs is shown in all of them
+    # a position that is a state in one of several runs is shown in all of them
     placed = {name for one in systems for i, name in enumerate(_moving(one)) if i in one.position_state}
     parts = [_columns(run.samples, placed) for run in result.runs]
     sizes = [run.samples.t.size for run in result.runs]
@@ -61,7 +61,7 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
 
 
 def _together(parts: Iterable[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return all columns, of which none may take the place of another."""
+    """Return all columns together; no two may have the same name."""
     found: dict[str, NDArray[Any]] = {}
     for part in parts:
         for name in sorted(found.keys() & part.keys()):
@@ -75,7 +75,7 @@ def _moving(system: System) -> list[str]:
 
 
 def _columns(samples: Samples, placed: set[str]) -> dict[str, NDArray[Any]]:
-    """Return motion, forces, modes, powers and outputs of one run, with the positions of what is `placed`."""
+    """Return motion, forces, modes, powers and outputs of one run, with positions of bodies and drives in `placed`."""
     system = samples.system
     moving = _moving(system)
     names = [row.name for row in system.rows]
@@ -98,7 +98,7 @@ def _columns(samples: Samples, placed: set[str]) -> dict[str, NDArray[Any]]:
 
 
 def column_units(result: Readable) -> dict[str, str]:
-    """Return the unit of each column; modes have none, and those of blocks are not known.
+    """Return the unit of each column; modes have none, and units of blocks are not known.
 
     The scene or its bodies say whether they rotate or move along lines; where neither does, both units are named.
 
@@ -152,7 +152,7 @@ def summary(result: Readable) -> dict[str, Any]:
     Parameters
     ----------
     result : Result or Joined
-        Of runs in a row there is a list: outcome, events and counts of each.
+        Runs in a row give a list ``runs``, with outcome, events and counts of each.
     """
     check_result(result, "summary")
     ended = [how_it_ended(run) for run in result.runs]
@@ -217,7 +217,7 @@ def to_frame(result: Readable) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON knows it; what is not finite becomes text."""
+    """Return a value as JSON knows it; numbers that are not finite become text."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

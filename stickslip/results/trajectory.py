@@ -23,7 +23,7 @@ from stickslip.results.pieces import Piece, Pieces, WholePieces
 
 T = TypeVar("T", bound=np.generic)
 
-_AT_ONCE = 2_000_000  # coefficients that are put together at once
+_AT_ONCE = 2_000_000  # modes that are read at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Trajectory(PickledByFields):
 
     @property
     def parts(self) -> Sequence[Piece | Patchwork]:
-        """What is stored, in order."""
+        """The stored parts in order of time: whole pieces and patchworks."""
         return self.pieces.parts
 
     @cached_property
@@ -51,12 +51,12 @@ class Trajectory(PickledByFields):
 
     @cached_property
     def patchworks(self) -> Sequence[Patchwork]:
-        """What is known part by part, in order."""
+        """The patchworks in order of time."""
         return [part for part in self.parts if isinstance(part, Patchwork)]
 
     @cached_property
     def _holders(self) -> Sequence[WholePieces | Patchwork]:
-        """What holds the pieces: the whole ones together, and each patchwork its own."""
+        """Objects that hold the pieces: all whole ones together, then each patchwork with its own."""
         return [self.whole, *self.patchworks]
 
     @cached_property
@@ -92,7 +92,7 @@ class Trajectory(PickledByFields):
 
     @cached_property
     def is_patchwork(self) -> bool:
-        """Whether all of it is known part by part."""
+        """Whether all pieces are in patchworks."""
         return not self.whole.pieces
 
     @cached_property
@@ -123,7 +123,7 @@ class Trajectory(PickledByFields):
         return np.searchsorted(self.starts, times, side="right") - 1
 
     def local(self, piece_of: Indices, times: Array) -> Array:
-        """Return times in s since the starts of their pieces, none before and none past the end."""
+        """Return times in s since the starts of their pieces, clipped to the pieces."""
         return np.minimum(np.maximum(times - self.starts[piece_of], 0.0), self.ends[piece_of])
 
     def order(self, number: int) -> int:
@@ -157,14 +157,14 @@ class Trajectory(PickledByFields):
 
     @cached_property
     def _places(self) -> tuple[Indices, Indices]:
-        """What holds each piece, the whole pieces or which patchwork after these, and its number there."""
+        """The number in `_holders` of what holds each piece, and the number of the piece there."""
         holder, own = np.empty((2, len(self.pieces)), dtype=np.intp)
         for k, numbers in enumerate(self.numbers):
             holder[numbers], own[numbers] = k, np.arange(numbers.size)
         return holder, own
 
     def _by_part(self, piece_of: Indices) -> Iterator[tuple[WholePieces | Patchwork, Indices | slice, Indices]]:
-        """Yield what holds some of the pieces, which times of these it holds, and the numbers of its pieces there."""
+        """Yield each holder of some of these pieces, their places in `piece_of`, and their numbers in the holder."""
         if not self.patchworks or not piece_of.size:
             yield self.whole, slice(None), piece_of
             return
@@ -178,7 +178,7 @@ class Trajectory(PickledByFields):
         taus: Array,
         read: Callable[[WholePieces | Patchwork, Indices, Array], NDArray[Any]],
     ) -> NDArray[Any]:
-        """Return what is read of pieces at local times, a column for each time."""
+        """Return what `read` finds for pieces at local times, a column for each time."""
         found = [
             (chosen, read(part, own, part.times(own, taus[chosen]))) for part, chosen, own in self._by_part(piece_of)
         ]
@@ -202,7 +202,7 @@ class Trajectory(PickledByFields):
         return self._read(piece_of, taus, lambda part, own, times: part.forces(own, times, rows))
 
     def states(self, piece_of: Indices, taus: Array) -> Array:
-        """Return the states at local times of pieces as the steps have them, one column each."""
+        """Return the states at local times of pieces from the polynomials of the steps, one column each."""
         return self._read(piece_of, taus, lambda part, own, times: part.states(own, times))
 
     def distances(self, piece_of: Indices, taus: Array) -> Array:
@@ -210,7 +210,7 @@ class Trajectory(PickledByFields):
         return self._read(piece_of, taus, lambda part, own, times: part.distances(own, times))
 
     def moved(self, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array | None:
-        """Return how far bodies have come at local times, None where that is not known by itself."""
+        """Return how far bodies have come since the first start; None unless all pieces are in patchworks."""
         if not self.is_patchwork:
             return None
         base = np.zeros(self.system.n)[bodies]
@@ -228,7 +228,7 @@ class Trajectory(PickledByFields):
     def of_body(self, piece_of: Indices, taus: Array, body: int, integrated: bool = False) -> Array:
         """Return the velocity of one body at local times, or its position where that is a state.
 
-        Only of what is known part by part.
+        All pieces must be in patchworks.
         """
         found, own_body = np.empty(taus.size), slice(body, body + 1)
         for part, some, own in self._by_part(piece_of):
@@ -238,10 +238,10 @@ class Trajectory(PickledByFields):
         return found
 
     def write_led(self, held: Iterable[tuple[Mask, Indices | slice]], v: Array, drives: Array | None) -> None:
-        """Write what depends on others through the rows that hold it, in place.
+        """Overwrite the velocities of bodies that follow others through held rows.
 
-        `v` are velocities of the bodies, or what follows the same ties, and `drives` the same of the drives; `held`
-        tells which sets of rows hold in which columns.
+        `v` are velocities or distances of the bodies, a column for each time, and `drives` those of the drives; `held`
+        are sets of held rows, each with the columns in which they are held.
         """
         for rows, chosen in held:
             balance = self.system.balance(rows)
@@ -253,7 +253,7 @@ class Trajectory(PickledByFields):
             v[at_rows(balance.dependent, chosen)] = led
 
     def by_held(self, piece_of: Indices) -> Iterator[tuple[Mask, Indices | slice]]:
-        """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
+        """Yield the sets of held rows in whole pieces, but the empty one, each with its places in `piece_of`."""
         sets, set_of = self.whole.held_sets
         for part, chosen, own in self._by_part(piece_of):
             if part is not self.whole:
@@ -263,9 +263,9 @@ class Trajectory(PickledByFields):
                     yield sets[k], np.arange(piece_of.size)[chosen][some] if self.patchworks else some
 
     def inputs(self, piece_of: Indices, taus: Array, y: Array, loads: Array) -> Array:
-        """Return all inputs at local times, where loads and states are these, as columns, but for rates of blocks: 0.
+        """Return all inputs at local times, as columns, from these loads and states.
 
-        Only of a scene of which some inputs depend on the state.
+        Derivatives of blocks, which no result reads, stay 0. Some inputs of the scene must depend on the state.
         """
         dependence, found, t = self.system.dependence, loads.copy(), self.starts[piece_of] + taus
         assert dependence is not None
@@ -279,7 +279,7 @@ class Trajectory(PickledByFields):
         return found
 
     def loads_at(self, piece_of: Indices, taus: Array, only: slice = slice(None)) -> Array:
-        """Return the inputs that loads are at local times, as columns: what depends on the state is left out."""
+        """Return the inputs at local times, as columns, without what depends on the state."""
         if not taus.size:
             return np.empty((len(range(self.system.inputs)[only]), 0))
         starts = self.starts[piece_of]
@@ -299,7 +299,7 @@ class Trajectory(PickledByFields):
 
 
 def side_by_side(found: Sequence[tuple[Indices | slice, NDArray[T]]], size: int) -> NDArray[T]:
-    """Return columns that were read of several parts, each with the places that it takes among so many in all."""
+    """Return as one table the columns that were read from several parts, each with their places among all `size`."""
     if len(found) == 1:
         return found[0][1]
     first = found[0][1]
@@ -315,13 +315,13 @@ def at_rows(rows: Indices, chosen: Indices | slice) -> tuple[Indices, Indices | 
 
 
 def columns(table: NDArray[T], chosen: Indices | slice) -> NDArray[T]:
-    """Return the columns of a table at some times; those of a few are taken in a third of the time of an index."""
+    """Return the columns of a table at some times; for a few, `take` needs a third of the time of an index."""
     found: NDArray[T] = table[:, chosen] if isinstance(chosen, slice) else table.take(chosen, axis=1)
     return found
 
 
 def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
-    """Yield each piece that holds times, and which times it holds."""
+    """Yield each number in `piece_of`, and the places where it stands."""
     if not piece_of.size:
         return
     order = None if (piece_of[1:] >= piece_of[:-1]).all() else piece_of.argsort(kind="stable")

@@ -1,4 +1,4 @@
-"""Units of what a result holds: those of rotation, of translation, or both where the scene does not say which."""
+"""Units of quantities in a result: those of rotation, of translation, or both where the scene does not say which."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ _OF: dict[MotionKind | None, Units] = {
 
 
 def units(scene: Scene, *elements: Any) -> Units:
-    """Return the units that some elements of a scene share; both beside each other where they differ.
+    """Return the units that some elements of a scene share; both kinds beside each other where they differ.
 
-    What joins bodies at radii is measured along a line, in m/s and N, unless all its bodies rotate and its radii are 1.
+    An element with radii is measured along a line, in m/s and N, unless all its bodies rotate and its radii are 1.
     A tie or a gear has the units of its first member whose coefficient is 1 or -1 (of a gear `a`, of a planetary the
-    sun): its force is the one on that member.
+    sun): its force is the force on that member.
 
-    Without elements, they are those of all bodies and drives.
+    Without elements, they are the units of all bodies and drives.
     """
     motions = {_motion(scene, element) for element in elements or (*scene.bodies, *scene.drives)}
     return _OF[motions.pop()] if len(motions) == 1 else _BOTH
 
 
 def _motion(scene: Scene, element: Any) -> MotionKind | None:
-    """Return along what an element's quantities are measured."""
+    """Return the kind of motion in whose units an element's quantities are measured; None where it is not known."""
     if isinstance(element, (Body, Drive)):
         return scene.motions[element.name]
     if isinstance(element, Force):

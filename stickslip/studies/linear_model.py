@@ -36,7 +36,7 @@ class LinearModel:
     states : tuple of str
         ``"velocity(body)"`` of bodies whose velocity does not follow from others, ``"position(body)"`` of those whose
         position a force reads, ``"deflection(contact)"`` of bristles, ``"state(block, number)"`` of blocks. Positions
-        that closed stops fix are none.
+        that closed stops fix are no states.
     inputs : tuple of str
         ``"force(body)"``, ``"normal(contact)"`` of contacts whose normal force is a load, ``"velocity(drive)"`` and
         ``"acceleration(drive)"``.
@@ -77,10 +77,10 @@ class LinearModel:
 
     @cached_property
     def _spectrum(self) -> tuple[Complex, Array]:
-        """The eigenvalues, and within what each is roundoff: an error e of A moves it by ``e / |y^H x|``.
+        """The eigenvalues, and the roundoff of each: an error e of A moves an eigenvalue by ``e / |y^H x|``.
 
-        x and y are its right and its left eigenvector, of length 1; those of a double one are nearly orthogonal (Golub
-        and Van Loan 2013, section 7.2.2).
+        x and y are its right and its left eigenvector, of length 1. For a double eigenvalue these are nearly orthogonal
+        (Golub and Van Loan 2013, section 7.2.2).
         """
         if not self.A.size:
             return np.zeros(0, dtype=complex), np.zeros(0)
@@ -163,8 +163,8 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     Parameters
     ----------
     scene : Scene
-        Its velocities and positions at the start are those about which it is linearized; the scene of a steady state
-        for a model that is more than momentary.
+        It is linearized about its velocities and positions at the start. Only where these are a steady state does the
+        model hold for longer than a moment.
     t : float
         Time in s at which loads are read.
 
@@ -202,7 +202,7 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
 
 
 def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, Indices]:
-    """Return names of the states, how all states follow from them, and their places among these."""
+    """Return the names of the model's states, how all states of the scene follow from them, and their places there."""
     n, size = system.n, system.size
     fixed, by_others = _fixed_positions(system, motion)
     chosen = np.setdiff1d(np.arange(size), [*motion.equations.dependent, *fixed])
@@ -220,7 +220,7 @@ def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, Ind
 
 
 def _fixed_positions(system: System, motion: Motion) -> tuple[Indices, Array]:
-    """Return the places of positions that follow from others because stops are closed, and how they do."""
+    """Return the places of positions that follow from others because stops are closed, and the map from these."""
     closed = (motion.equations.is_held & system.is_stop).nonzero()[0]
     lines = np.zeros((closed.size, system.size))
     if not closed.size:
@@ -253,7 +253,7 @@ def _check_corners(motion: Motion) -> None:
         sizes = dependence.normal_sizes(np.abs(q), motion.sizes)[: system.m]
         zero = system.pressed & (np.abs(q[: system.m]) <= _AT_CORNER * sizes)
         if zero.any():
-            # one that stays 0 near by, as that of a gap in the air, has no corner there
+            # a normal force that stays 0 near by, as that of an open gap, has no corner there
             zero &= motion.input_slopes(0.0, motion.y)[: system.m].any(axis=1)
         for j in zero.nonzero()[0].tolist():
             raise ValueError(
@@ -291,7 +291,7 @@ def _inputs(scene: Scene, system: System) -> tuple[tuple[str, ...], list[int]]:
 
 
 class _Response(NamedTuple):
-    """What small changes do, a column for each: to rates of the states, relative velocities and forces of the rows."""
+    """Effects of small changes, a column each, on rates of states, relative velocities and forces of the rows."""
 
     rates: Array
     relative: Array
@@ -299,14 +299,14 @@ class _Response(NamedTuple):
 
 
 def _inputs_of_states(motion: Motion, dy: Array) -> Array:
-    """Return how inputs change that depend on the state."""
+    """Return the changes of the inputs that depend on the state, for changes `dy` of the state."""
     if motion.dependence is None:
         return np.zeros((motion.system.inputs_and_dwells, dy.shape[1]))
     return np.asarray(motion.input_slopes(0.0, motion.y) @ dy[motion.dependence.columns])
 
 
 def _response(motion: Motion, dy: Array, dq: Array) -> _Response:
-    """Return what changes of states and inputs do."""
+    """Return the effects of changes `dy` of the states and `dq` of the inputs."""
     equations, size, m = motion.equations, motion.system.size, motion.system.m
     found = equations.apply(dy) + equations.respond(dq)
     rows, relative = equations.velocity_dependent, found[size : size + m]

@@ -20,7 +20,7 @@ _AT_START = {"velocity", "position", "rested"}
 _SCALE = "scale"
 _LOADS = ("normal", "signal", "velocity")
 
-# Fields of signals that have the unit of what the signal is.
+# Fields of signals that have the unit of the signal itself.
 _OF_LOADS = ("amplitude", "offset", "value", "values")
 
 
@@ -32,7 +32,7 @@ class Parameter:
     # as in ``"springs[0].stiffness"``. Fields of fields follow after further dots, entries of sequences in
     # brackets: ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``,
     # ``"lever.coefficients.a"``. A load that is a number is its own value; ``"c.normal.scale"`` multiplies
-    # any load by a number that is 1
+    # any load by a number, which is 1 in the scene
     name: str
     place: int  # place of its element among ``scene.elements``
     steps: tuple[str | int, ...]  # fields and entries that lead to it
@@ -53,14 +53,14 @@ class Parameter:
         return Scene(*elements, motion=scene.motion)
 
     def with_static(self, scene: Scene, value: float) -> Parameter:
-        """Return a Coulomb coefficient that takes the static one along where it would exceed it; all others as is."""
+        """Return the parameter; a Coulomb coefficient that would exceed its static one takes this one along."""
         last = str(self.steps[-1]) if self.steps else ""
         if last not in ("mu_coulomb", "mu_coulomb_backward"):
             return self
         static = (*self.steps[:-1], last.replace("coulomb", "static"))
         try:
             limit, _ = _value(scene.elements[self.place], static, self.name, "")
-        except ValueError:  # it has no static one of its own
+        except ValueError:  # there is no static coefficient of its own
             return self
         return replace(self, along=static) if value > limit else self
 
@@ -80,13 +80,13 @@ class Parameter:
 
     @property
     def field(self) -> str:
-        """The field that it is a number of; of the value of a load, what the load is."""
+        """The field that the number belongs to; for a value of a load, the field that holds the load."""
         fields = [step for step in self.steps if isinstance(step, str)]
         last = fields[-1] if fields else ""
         return next((field for field in fields if field in _LOADS), "") if last in _OF_LOADS else last
 
     def beside(self, scene: Scene) -> tuple[float, ...]:
-        """Return how far the entries before and after it are, where it is one of a sequence of numbers."""
+        """Return the distances to the entries before and after it, where it is an entry of a sequence of numbers."""
         if not self.steps or not isinstance(place := self.steps[-1], int):
             return ()
         entries: Any = scene.elements[self.place]
@@ -96,7 +96,7 @@ class Parameter:
         return tuple(abs(other - self.value) for other in others)
 
     def scales(self, other: Parameter) -> bool:
-        """Tell whether it is a factor of a load that the other one is a number of."""
+        """Tell whether it is a factor of the load that the other one is a number of."""
         load = self.steps[:-1]
         is_inside = other.place == self.place and other.steps[: len(load)] == load and other != self
         return self.scaled is not None and is_inside
@@ -109,8 +109,8 @@ class Parameter:
 def named_parameters(scene: Scene, names: Iterable[str], what: str, *, together: bool = False) -> list[Parameter]:
     """Return the parameters of a scene that have these names.
 
-    `what` begins the message where a name leads to no number, or to one that another one multiplies where they are to
-    take other values `together`.
+    `what` begins the message of an error: where a name leads to no number, or where all are to change `together` and
+    one of them multiplies another.
     """
     given = checked_names(list(names) if isinstance(names, Mapping) else names, f"{what}: parameters")
     if not given:
@@ -131,8 +131,8 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str, *, together:
 def with_values(scene: Scene, parameters: Sequence[Parameter], values: Sequence[float]) -> Scene:
     """Return the scene with some parameters at other values.
 
-    One is set after another, but they are checked together: where one is refused beside the old value of another, as a
-    lower limit beyond the upper one, it waits for that.
+    They are set one after another. A value that is refused beside the old value of another parameter, as a lower limit
+    beyond the upper one, waits until that parameter is set.
     """
     waiting = list(zip(parameters, values, strict=True))
     while waiting:

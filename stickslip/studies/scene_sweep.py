@@ -29,7 +29,7 @@ class SceneRuns:
 
     @property
     def version(self) -> str:
-        """A text that tells the scene, the time span and the options."""
+        """A text that identifies the scene, the time span and the options."""
         return json.dumps([self.scene.to_dict(), self.t_span, dict(self.options)], default=list)
 
     def at(self, point: Mapping[str, float]) -> Scene:

@@ -106,7 +106,7 @@ class SweepResult:
 
 
 def _other_than(names: Collection[str], name: str) -> str:
-    """Return a name that is none of some others, with a line behind it where it would be."""
+    """Return a name that is not among `names`: with as many underscores behind it as it needs."""
     while name in names:
         name += "_"
     return name
@@ -176,7 +176,7 @@ class SweepLog:
 
 
 def collect(parameters: dict[str, np.ndarray], done: Mapping[Index, Values | str]) -> SweepResult:
-    """Return the outcomes as arrays; what the first good point returned sets the names and shapes."""
+    """Return the outcomes as arrays; the first point that succeeded sets the names and shapes."""
     shape = tuple(len(axis) for axis in parameters.values())
     failures: dict[Index, str] = {}
     pending: list[Index] = []

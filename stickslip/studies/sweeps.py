@@ -38,7 +38,7 @@ __all__ = ["SweepInterrupted", "SweepResult", "sweep"]
 
 Outcomes = Generator[tuple[Index, Values | str], None, None]  # values, or the message of a failure
 
-_WINDOW = 1000  # points handed to a given executor and not yet back; it may stand for a large cluster
+_WINDOW = 1000  # most points that an executor of the user has at a time: it may stand for a large cluster
 
 
 class SweepInterrupted(KeyboardInterrupt):
@@ -87,7 +87,7 @@ def sweep(
         File to which each finished point is appended (JSON Lines). A sweep of the same grid resumes
         from it; failed points are tried again. It cannot know whether the function has changed.
     version : str
-        Any text that tells what the function computes. A file that was saved under another one is refused.
+        Any text that identifies what the function computes. A file that was saved under another one is refused.
 
     Raises
     ------
@@ -208,8 +208,8 @@ def _through(
 ) -> Outcomes:
     """Yield outcomes as they come, with at most `window` points on their way.
 
-    Points whose process died, or that were on their way when another's did, are added to `lost` if given, else
-    they failed.
+    Points whose process died, or that were on their way when the process of another point died, are added to `lost`
+    if that is given; else they count as failed.
     """
     finished: SimpleQueue[Future[Values | str]] = SimpleQueue()
     waiting: dict[Future[Values | str], GridPoint] = {}
@@ -294,7 +294,7 @@ def _own_processes(function: Callable[..., Any], todo: Iterator[GridPoint], work
 
 
 def _begin_worker() -> None:
-    """Let a worker end without a traceback on Ctrl-C, and by itself when its parent has ended, however that was."""
+    """Let a worker end without a traceback on Ctrl-C, and by itself when its parent has ended, for whatever reason."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = multiprocessing.parent_process()
     if parent is not None:

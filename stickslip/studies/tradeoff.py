@@ -32,9 +32,10 @@ Error = Callable[[Result, Result], float]
 
 @dataclass(frozen=True)
 class Advice:
-    """A call of `simulate` with what it was measured to do: error and median wall time in s.
+    """A call of `simulate` with its measured error and its median wall time in s.
 
-    Its text is a line to paste. Where the error is below what the reference can tell, `error` is that limit.
+    Its text is a line to paste. Where the error is smaller than the reference can show, it is `at_limit`: `error` is
+    the limit.
     """
 
     call: str
@@ -58,14 +59,14 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """What the applicable calls of `simulate` cost and what they are worth, for one scene.
+    """Times and errors of the applicable calls of `simulate`, for one scene.
 
     Attributes
     ----------
     work : WorkPrecision
         One row per call; errors below `limit` are set to it.
     limit : float
-        How far the reference is converged: smaller errors are below what it can tell.
+        By how much the reference and its check differ: smaller errors cannot be measured.
     reference, check : str
         The calls whose results were compared.
     skipped : tuple of Skipped
@@ -98,7 +99,7 @@ class Tradeoff:
         TypeError
             If not exactly one of the two is given.
         ValueError
-            If no call does it, or the reference cannot tell.
+            If no call is good enough, or the error is below the limit of the reference.
         """
         if (error is None) == (time is None):
             raise TypeError(f"recommend: give either error= or time=, got error={error!r}, time={time!r}")
@@ -173,8 +174,8 @@ def tradeoff(
 ) -> Tradeoff:
     """Measure what the formulations, methods, tolerances, steps and pre-slip velocities cost for a scene.
 
-    The reference is an event-exact run so tight that a second, different one agrees with it; how far they
-    agree is the smallest error that can be told.
+    The reference is an event-exact run so tight that a second, different one agrees with it. The difference
+    between the two is the smallest error that can be measured.
 
     Parameters
     ----------
@@ -253,13 +254,14 @@ def _checked(error: Error) -> Error:
 def _velocity_error(scene: Scene, span: tuple[float, float]) -> Error:
     """Return the largest deviation of any body's velocity, at times spread evenly, and just before and after events."""
     bodies, times = len(scene.bodies), np.linspace(*span, _TIMES)
-    # a velocity that jumps early by roundoff has no error: at impacts, and where Karnopp's dead band begins
+    # Velocities jump at impacts, and where Karnopp's dead band begins. A jump that is early by roundoff is no error,
+    # but beside the event it would be measured as one.
     is_smooth = not (scene.stops or compiled(scene).has_dead_bands)
 
     def measure(result: Result, reference: Result) -> float:
         at = times
         if is_smooth:
-            # a step that ends in an event ends in the largest error, too
+            # within a step that ends in an event, the error is largest at the event
             events = np.array([event.t for event in (*result.events, *reference.events)])
             at = np.concatenate([times, np.nextafter(events, -np.inf).clip(*span), events.clip(*span)])
         return float(np.abs(result(at)[:bodies] - reference(at)[:bodies]).max())
@@ -268,7 +270,7 @@ def _velocity_error(scene: Scene, span: tuple[float, float]) -> Error:
 
 
 def _quietly(call: Call, scene: Scene, span: tuple[float, float]) -> Result:
-    """Run a call on a scene; what it would warn of, the measured error shows."""
+    """Run a call on a scene without warnings: the measured error shows what they warn of."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return call.run(scene, span)
@@ -308,7 +310,7 @@ def _affordable(setups: list[Setup], budget: float, progress: bool) -> tuple[lis
                     skipped.append(Skipped(setup.name, f"not tried, costlier than one that took {slow}"))
                     continue
                 start = clock.perf_counter()
-                with suppress(Exception):  # it fails once more where failures are recorded
+                with suppress(Exception):  # it fails again in `work_precision`, which records failures
                     setup.run()
                 elapsed = clock.perf_counter() - start
                 left -= elapsed

@@ -75,7 +75,7 @@ def _tolerances(rtol: float, scale: float) -> dict[str, Any]:
 
 
 def _series(scene: Scene, span: tuple[float, float]) -> Iterator[Call]:
-    """Yield the call without options where it takes the series: elsewhere it is CVODE's BDF, which follows."""
+    """Yield the call without options if it takes the series: else it would be CVODE's BDF, which comes later."""
     system = compiled(scene)
     name, _ = choose(system, system.loads(*span), "contact-force", "auto", span[1] - span[0])
     if name == "series":

@@ -71,7 +71,7 @@ class Branch:
 
     @cached_property
     def multipliers(self) -> NDArray[np.complex128]:
-        """Multipliers, one line each."""
+        """Multipliers, a line for each value; NaN where there is none."""
         count = max((one.multipliers.size for one in self.cycles if one is not None), default=0)
         found = np.full((len(self.cycles), count), np.nan, dtype=complex)
         for k, one in enumerate(self.cycles):

@@ -26,23 +26,24 @@ from stickslip.studies.parameters import Parameter, named_parameters
 
 _SHORTEST_STEP = 1 / 256  # shortest step from value to value, as a part of their distance
 
-# First and shortest step along an arc, in distances of values; how many of them, and how many folds, are followed.
+# First and shortest step along an arc, as parts of the distance between two values; most steps, and most folds.
 _FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
 
-# Part by which a cycle that meets the end of a branch may differ from it, and at how many values it is looked for.
+# A cycle meets the end of a branch if it differs from the cycle there by less than the first part. It is looked for at
+# so many values.
 _MEETS, _LOOKS = 0.02, 14
 
-# Part of the way from a fold to the next value on which cycles keep their sequence of modes.
+# Part of the way from a fold to the next value on which another sequence of modes means the other branch.
 _NEAR_FOLD = 0.1
 
-_SHRUNK = 0.05  # part of its speeds to which a cycle shrinks that is about to become a state of rest
+_SHRUNK = 0.05  # a cycle whose speeds have shrunk to this part is about to become a state of rest
 _SHRINKS = "the cycles shrink to a state of rest (a Hopf bifurcation)"
 
-# Part of what is left up to the end of a branch that is tried where half of it does not lead on.
+# Part of the way left to the end of a branch that is tried as a step where half of the way fails.
 _SHORT_STEP = 1 / 8
 
-_GROWN = 10.0  # how many times as long as at the last value the period is where it grows without bound
-_SAME = 1e-6  # part of a period by which it may differ where the way back leads to the same cycle
+_GROWN = 10.0  # a period so many times as long as at the last value grows without bound
+_SAME = 1e-6  # the way back leads to the same cycle if the period differs by no more than this part
 
 
 def continue_cycle(
@@ -121,7 +122,7 @@ def continue_cycle(
 
 
 def _check_options(scene: Scene | Cycle, options: dict[str, Any]) -> None:
-    """Refuse options that `limit_cycle` does not know, and those of a cycle that is there."""
+    """Refuse options that `limit_cycle` does not know, and all options if a cycle is given."""
     if options and isinstance(scene, Cycle):
         listed = ", ".join(f"{name}=" for name in options)
         raise TypeError(f"continue_cycle: {listed} would find a first cycle, but one was given; leave it out")
@@ -184,13 +185,13 @@ class Follower:
         return found
 
     def _toward(self, start: Reached, value: float, first: float = 1.0, carefully: bool = False) -> Reached:
-        """Return how far the way to a value leads, with a first step that is a part of it."""
+        """Return how far the way to a value leads; the first step is the part `first` of it."""
         cycle, at = start.cycle, start.value
-        # steps that roundoff leaves nothing of lead nowhere
+        # a step below the spacing of floats leads nowhere
         least = float(np.spacing(max(abs(at), abs(value))))
         step, failed = math.copysign(max(first * abs(value - at), least), value - at), False
         shortest = max(_SHORTEST_STEP * abs(step), least)
-        # just beyond a fold both branches are so near to each other that the way back tells nothing
+        # just beyond a fold both branches are so near that the way back does not show which one was reached
         beyond = at + _NEAR_FOLD * (value - at) if first < 1.0 else at
         while at != value:
             aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
@@ -228,9 +229,10 @@ class Follower:
     # -- where it does not go on -------------------------------------------------------------------------------
 
     def _past(self, near: Reached, last: Reached, value: float, every: Array) -> Cycle | Branch | None:
-        """Return the cycle at a value to which no small steps lead, or what comes beyond the end before it.
+        """Return the cycle at a value to which no small steps lead, or the branch beyond the end before it.
 
-        That is the branch beyond a fold, or that of cycles without the phase that vanishes at the end; None for none.
+        That is the branch beyond a fold, or a branch of cycles without the phase that vanishes at the end; None for
+        none.
         """
         spacing = value - last.value
         turned = None if vanishing(near.cycle) else self._round(near, value, spacing)
@@ -241,7 +243,7 @@ class Follower:
         fold, place = turned
         self._note_between(last, near)
         if _has_shrunk(fold.cycle, near.cycle):
-            # beyond it the same cycles come again, half a period later
+            # beyond the state of rest the arc has the same cycles again, half a period later
             self._points.append(BranchPoint(fold.value, "end", _SHRINKS, from_zero(near.cycle)))
             return None
         said = "a multiplier is 1: two cycles meet, and the branch turns back"
@@ -250,9 +252,9 @@ class Follower:
         return self._beyond(Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
 
     def _past_end(self, near: Reached, last: Reached, value: float, every: Array) -> Cycle | Branch | None:
-        """Return what `_past` does where no smooth fold is found: look for its end, and for what goes on there."""
+        """Return what `_past` does where there is no smooth fold: look for the end, and for a branch that goes on."""
         spacing = value - last.value
-        # that one step was too long does not tell where the branch ends
+        # a step that was too long does not show where the branch ends
         passed, other = self._last(near._replace(end=value), self._accuracy * abs(spacing))
         a, at, why, end = passed[-1]
         phases, inner = vanishing(a), None
@@ -289,9 +291,10 @@ class Follower:
         return self._beyond(inner, apart, last.value, spacing > 0, every)
 
     def _beyond(self, first: Reached, apart: float, before: float, rose: bool, every: Array) -> Branch | None:
-        """Return the branch that goes back over the values from a cycle beyond a fold, so far apart from it.
+        """Return the branch that goes back over the values from a cycle beyond a fold.
 
-        Near the fold both branches are so near to each other that long steps would lead back to the other one.
+        The first step is as long as the cycle is `apart` from the fold: there both branches are so near to each other
+        that a longer one could lead to the other branch.
         """
         if self._folds <= 0:
             return None
@@ -333,9 +336,9 @@ class Follower:
     def _within(self, passed: list[Reached]) -> Reached | None:
         """Return a cycle without the phase that vanishes at the end of a branch, and its value; None for none.
 
-        Where a phase vanishes because a relative velocity only just comes to 0, cycles may go on from there that do
-        not come to 0: they move a little less. At the end both are the same: so they are looked for as near to it as
-        they can be told apart, however far apart the values are.
+        Where a phase vanishes because a relative velocity only just comes to 0, other cycles may go on from there whose
+        relative velocity does not come to 0: they move a little less. At the end both are the same. So the search
+        starts nearest to the end and goes back, until the two differ enough to be told apart.
         """
         for own, at, *_ in passed[: -1 - _LOOKS : -1]:
             try:

@@ -17,7 +17,7 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
 
 _ZERO = 1e-9  # a multiplier whose imaginary part is no larger is shown as a real number
-_NEUTRAL = 1e-6  # within this distance from 1 it is not told whether a deviation grows or dies away
+_NEUTRAL = 1e-6  # a multiplier whose modulus is within this distance from 1 shows neither growth nor decay
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Cycle:
         In s.
     multipliers : array of complex
         Of the map over one period, largest first: by what factors small deviations grow. Where the period is free, the
-        multiplier 1 of a shift along the motion is left out. A phase in which a contact sticks makes one 0.
+        multiplier 1 of a shift along the motion is left out. A phase in which a contact sticks makes one of them 0.
     scene : Scene
         The scene, starting on the cycle at t = 0.
     result : Result
@@ -56,7 +56,7 @@ class Cycle:
 
     @property
     def stable(self) -> bool:
-        """Whether small deviations die away: all multipliers are smaller than 1, by more than errors."""
+        """Whether small deviations die away: all multipliers are smaller than 1, by more than their errors."""
         return bool(np.all(np.abs(self.multipliers) < 1.0 - _NEUTRAL))
 
     @property
@@ -98,7 +98,7 @@ class Cycle:
         ValueError, TypeError
             If a name leads to no number of the scene.
         CycleError
-            If the cycle is the edge of others (a multiplier is 1), or a derivative does not exist.
+            If the cycle is not single (a multiplier is 1: a fold, or a family), or a derivative does not exist.
         """
         named = named_parameters(self.scene, parameters, "Cycle.sensitivities")
         return np.array([self.shot.along(one)[1] for one in named])
@@ -110,7 +110,7 @@ class Cycle:
         return cycle_html(self)
 
     def __str__(self) -> str:
-        """Return what there is to say of the cycle."""
+        """Return period, stability, multipliers and changes of modes as text."""
         kind = "stable" if self.stable else "neutral" if self.neutral else "unstable"
         lines = [f"period {self.period:.12g} s{' (given)' if self.forced else ''}, {kind}"]
         for one in self.multipliers:
@@ -122,7 +122,7 @@ class Cycle:
 
 
 def cycle_of(shot: Shot) -> Cycle:
-    """Return the cycle that a shot which closes is.
+    """Return the cycle of a shot that closes.
 
     If it does not move, or the map over one period has no derivative, that is a `CycleError`.
     """

@@ -22,15 +22,15 @@ from stickslip.studies.cycles.periodicity import check_loads
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
-# Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends, and next to
-# a cycle that is known, where a shorter way can be taken, after so many.
+# Most steps, and most lengths that are tried of each step. The search ends after _PATIENCE steps with little gain; next
+# to a known cycle after _NEXT_TO_ONE, because the parameter can then be changed by less.
 _MOST_STEPS, _MOST_TRIALS, _PATIENCE, _NEXT_TO_ONE = 25, 6, 4, 2
 
 _SURE = 1e-4  # part of the tolerance below which no further step is taken
 
-# A cycle that lies further from its prediction than these parts of its size and of the change is another one.
+# A cycle that lies further from its prediction than both these parts, of its size and of the change, is another one.
 _NEAR_BY, _FAR = 0.05, 0.5
-_CAREFUL = 1e-3, 0.1  # the same where no step may lead to another branch, as near as that is
+_CAREFUL = 1e-3, 0.1  # the same where no step may lead to another branch, however near that is
 
 # Parts by which a cycle is made smaller to find one just within it.
 _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -39,7 +39,7 @@ _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 def closed(shot: Shot, trials: int = _MOST_TRIALS, below: float = math.inf, patience: int = _PATIENCE) -> Cycle:
     """Return the cycle to which Newton's method leads from a shot, by motions with fewer events than `below`.
 
-    So many lengths are tried of each step, and so many steps that gain little are taken.
+    At most `trials` lengths are tried of each step, and `patience` steps that gain little are taken.
     """
     tolerance = shot.tolerance
     best = shot
@@ -89,9 +89,9 @@ def _nearer(shot: Shot, change: Array, longer: float, trials: int, below: float)
 
 
 def cycle_within(cycle: Cycle) -> Cycle | None:
-    """Return the cycle of the same scene just within one of free period that has lost a phase, None for none.
+    """Return a cycle just within one of free period that has lost a phase; None if there is none.
 
-    Newton's method begins with motions that are a little smaller, and so small that they have lost a phase.
+    Newton's method begins with motions of the same scene that are just so much smaller that they have lost a phase.
     """
     shot, coordinates = cycle.shot, cycle.shot.coordinates
     states = coordinates.of(cycle.result(np.linspace(0.0, cycle.period, 500)))
@@ -113,10 +113,10 @@ def cycle_within(cycle: Cycle) -> Cycle | None:
 def closed_from(
     cycle: Cycle, parameter: Parameter, before: float, value: float, longer: float | None, carefully: bool = False
 ) -> Cycle:
-    """Return the cycle near another one whose parameter has changed, where it is, carefully, nearly the predicted one.
+    """Return the cycle near another one after a change of a parameter; `carefully`, only one close to the prediction.
 
-    The parameter has changed from `before` to `value`, and the given period of the loads by `longer` in s, None if it
-    has not.
+    The parameter has changed from `before` to `value`, and the given period of the loads by `longer` in s, None if no
+    period is given.
     """
     shot, change = cycle.shot, value - before
     given = 0.0 if longer is None else longer / change
@@ -126,7 +126,7 @@ def closed_from(
     if shot.forced:
         check_loads(compiled(scene), shot.period + period)
     predicted = shot.moved(along * change, period, scene, shot.start + begin * change)
-    # where whole steps lead nowhere the parameter has changed too much
+    # if Newton's steps have to be shortened often, the parameter has changed too much
     found = closed(predicted, trials=2, patience=_NEXT_TO_ONE)
     off = _apart(found.shot, predicted)
     near_by, far = _CAREFUL if carefully else (_NEAR_BY, _FAR)

@@ -18,16 +18,17 @@ from stickslip.results.continuation import in_state, on_stops
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import Direction
 
-# Part of positions by which combinations of them that do not move have to close: it is measured in 1e-10 of that.
+# Combinations of positions that do not move count as moving by this part of the positions, and have to close to 1e-10
+# of that.
 _STILL = 1e-6
 
-_APART = 1e-9  # breaks that are nearer to each other, as parts of a period, may be one but for roundoff
+_APART = 1e-9  # breaks nearer to each other than this part of a period may be one break but for roundoff
 
 
 def check_loads(system: System, period: float) -> None:
     """Refuse loads that do not repeat with the period."""
     loads = system.loads(0.0, 2 * period)
-    # between any two breaks, too, wherever they are in the period
+    # loads are compared between any two breaks, too, wherever in the period these are
     edges = np.unique([0.0, period, *np.fmod(loads.breaks, period)])
     lengths = np.diff(edges)
     inner = (edges[:-1] + 0.37 * lengths)[lengths > _APART * period]
@@ -45,9 +46,9 @@ def check_loads(system: System, period: float) -> None:
 
 
 def _check_blocks(system: System, times: Sequence[float], later: float | None) -> None:
-    """Refuse blocks that read the time.
+    """Refuse blocks that read the time, unless they repeat.
 
-    Some time `later`, or at all times where that is None, they have to be the same.
+    Their functions must return the same a time `later`, or at all times if that is None.
     """
     if not any(isinstance(place.block, Block) for place in system.blocks.values()):
         return
@@ -78,7 +79,7 @@ def _check_blocks(system: System, times: Sequence[float], later: float | None) -
 
 def check_constant(system: System) -> None:
     """Refuse loads that change: then the period is that of the loads."""
-    # sines and functions have a period; what is left are straight lines, which end
+    # sines and functions have a period; all others are straight lines with a last break, and are read for all times
     is_straight = math.isinf(system.loads(0.0, 1.0).period)
     loads = system.loads(0.0, math.inf if is_straight else 1.0)
     segments = [loads.after(t) for t in (0.0, *loads.breaks)]
@@ -114,23 +115,23 @@ class Closing:
 
     def __init__(self, system: System) -> None:
         self._n, self._first, self._read = system.n, system.first_bristle, read_positions(system)
-        # velocities are of one size, and so are positions
+        # all velocities are measured by one size, and so are all positions
         self.groups = slice(self._n), slice(self._n, self._n + self._read.shape[0])
 
     def of(self, y: Array) -> Array:
-        """Return what has to close of a state, or of columns of them."""
+        """Return the part of a state that has to close, or of states in columns."""
         n, first = self._n, self._first
         return np.concatenate([y[:n], self._read @ y[n:first], y[first:]])
 
 
 def movable(system: System, read: Array, closed: Mask) -> Array:
-    """Return the changes of positions, a line each, that change combinations which are read.
+    """Return the possible changes of positions, a line each, that change the combinations `read`.
 
-    Drives are where they are told to be; ties and `closed` rows let nothing change that they hold.
+    Drives cannot be moved, and ties and `closed` rows still have to hold.
     """
     rows = (system.is_tie | closed).nonzero()[0]
     lines = np.hstack([dense(system.G[rows]), dense(system.D[rows])])
-    # what they hold of positions that are no states may be anything
+    # positions that are no states may be anything: rows are combined so that these drop out
     others = np.setdiff1d(np.arange(lines.shape[1]), system.placed)
     bodies = others[others < system.n]
     if rows.size and bodies.size:
@@ -146,8 +147,8 @@ def movable(system: System, read: Array, closed: Mask) -> Array:
 class Coordinates:
     """Coordinates of the states near the start of a motion: velocities, positions read, bristles and blocks, ages.
 
-    In the first motion held velocities follow from others. Rows at rest in it, by the modes that they show, have ages;
-    some of them may be held by others, or by nothing.
+    Velocities that follow from others in the first motion, because rows are held, are left out. Rows with a dwell time
+    that show the mode STUCK in it have ages; such a row may be held by others, or by nothing.
     """
 
     def __init__(self, system: System, motion: Motion, shown: Modes) -> None:
@@ -158,11 +159,11 @@ class Coordinates:
         self.aged = system.aging[shown[system.aging] == 0]
         read = read_positions(system)
         changes = movable(system, read, held & system.is_stop)
-        # from what is read follows how far each of these is changed
+        # from positions to how far each of these changes has gone
         self._read = changes if changes is read else np.linalg.pinv(read @ changes.T) @ read
         more = size - system.first_bristle
         count = self.free.size + changes.shape[0] + more
-        # from coordinates to states: held velocities follow, what forces do not read stays
+        # from coordinates to states: velocities of held rows follow, and positions that no force reads stay
         self.to_states = np.zeros((size, count))
         self.to_states[self.free, np.arange(self.free.size)] = 1.0
         none = np.zeros((system.drives, count))
@@ -187,14 +188,14 @@ class Coordinates:
         return found
 
     def sizes(self, result: Result) -> Array:
-        """Return the size of each coordinate over a motion, velocities and positions apart, at least their changes."""
+        """Return the size of each coordinate over a motion: its range, one for all velocities and one for positions."""
         states = self.of(result.y)
         half = self.free.size
         found = np.ones(self.size)
-        # those of all bodies, free at the start or not; beside one that slips one at rest is roundoff
+        # of all bodies, free at the start or not: beside a body that slips, the velocity of one at rest is roundoff
         speeds = result.y[: self.system.n]
         found[:half] = max(float(np.ptp(speeds)) if speeds.size else 0.0, 1e-300)
-        # positions are as large as the largest of them, bristles and states of blocks each as itself
+        # one size for all positions; each bristle and each state of a block has its own
         first = half + self._read.shape[0]
         last = states.shape[0]
         found[half:first] = position_size(self.system, result, states[half:first])
@@ -204,7 +205,7 @@ class Coordinates:
 
 
 def position_size(system: System, result: Result, read: Array) -> float:
-    """Return the size of combinations of positions over a motion; what differs by roundoff does not move."""
+    """Return the size of combinations of positions over a motion: their range, unless it is roundoff."""
     whole = np.abs(result.y[system.n : system.first_bristle]).max(initial=0.0)
     return float(max(np.ptp(read, axis=1).max(initial=0.0), _STILL * whole, 1e-300))
 
@@ -212,8 +213,8 @@ def position_size(system: System, result: Result, read: Array) -> float:
 def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, modes: Modes) -> Scene:
     """Return a scene that starts at t = 0 from a state, with rows that have rested for some time.
 
-    `aged` are the rows with a dwell time that rest, and `ages` for how long in s. In these modes contacts with a pre-
-    slip velocity remember that they slip.
+    `aged` are the rows with a dwell time that rest, and `ages` for how long in s. Contacts with a pre-slip velocity
+    that slip in `modes` begin in their slip state.
     """
     y = on_stops(system, y, modes, np.zeros(system.n + system.drives))
     rested = np.zeros(system.m)

@@ -10,8 +10,8 @@ from stickslip.studies.cycles.cycle import Cycle
 
 _SHORT = 0.02  # a phase shorter than this part of the period is about to vanish
 
-# A relative velocity that changes by less than the last part of its range in a period grazes. Its slope is taken so
-# many periods before it is 0, but in the last part of the motion that leads there.
+# A relative velocity grazes 0 if at its slope there it would change in a period by less than _GRAZES of its range. The
+# slope is that over the last _BEFORE of a period, or over the last _LATEST of the motion before if this is shorter.
 _BEFORE, _LATEST, _GRAZES = 1e-4, 1e-2, 0.3
 
 
@@ -42,7 +42,7 @@ def in_words(a: Cycle, b: Cycle) -> str:
 
 
 def vanishing(cycle: Cycle) -> list[str]:
-    """Return what phase of a cycle is about to vanish, or which relative velocity only just comes to 0."""
+    """Return in words which phases of a cycle are about to vanish, and which relative velocities only just reach 0."""
     found = []
     events, said, period = cycle.result.events, cycle.sequence, cycle.period
     begins = cycle.result.t[0]

@@ -15,13 +15,13 @@ from stickslip.studies.cycles.cycle import Cycle
 from stickslip.studies.cycles.phases import alike, in_words
 from stickslip.studies.cycles.pseudo_arclength import ERRORS
 
-_MOST_CHANGES = 8  # so many changes of the sequence of modes are looked for between two values
+_MOST_CHANGES = 8  # most changes of the sequence of modes that are looked for between two values
 
-_AT_CIRCLE = 1e-9  # within this distance from the unit circle it is not told on which side a multiplier is
+_AT_CIRCLE = 1e-9  # a multiplier within this distance from the unit circle is on neither side of it
 
 
 class Reached(NamedTuple):
-    """A cycle and its value; why the way to a further value ends there, and before which value."""
+    """A cycle and its value; if the way to a further value ends there, also why, and before which value."""
 
     cycle: Cycle
     value: float
@@ -29,7 +29,7 @@ class Reached(NamedTuple):
     end: float = np.nan
 
 
-# From a cycle to the one at another value, carefully where that is said: no step may lead to another branch then.
+# Follows a cycle to another value; if the last argument is true, so carefully that no step leads to another branch.
 Follow = Callable[[Reached, float, bool], Reached]
 
 
@@ -69,7 +69,7 @@ def _passes(a: Reached, b: Reached, accuracy: float, follow: Follow) -> list[Bra
     """Return where multipliers pass the unit circle, from one cycle to another of the same sequence."""
     found = []
     for kind, (test, said) in _PASSES.items():
-        # in a family a multiplier is 1 but for roundoff
+        # in a family of cycles a multiplier is 1 but for roundoff
         in_family = kind == "crossing" and (a.cycle.neutral or b.cycle.neutral)
         if in_family or test(a.cycle.multipliers) * test(b.cycle.multipliers) >= 0:
             continue
@@ -101,26 +101,26 @@ def _around(known: dict[float, Reached], test: Callable[[Complex], float]) -> tu
 
 
 def _product(factors: Complex) -> float:
-    """Return a number with the sign of the product of factors, 0 where one is not told from 0."""
+    """Return a number with the sign of the product of factors, 0 where one of them is 0 within its error."""
     if np.abs(factors).min(initial=1.0) <= _AT_CIRCLE:
         return 0.0
-    # so many large factors stay a number
+    # scaled: the product of many large factors would overflow
     return float(np.prod(factors / (1.0 + np.abs(factors))).real)
 
 
 def _pairs(multipliers: Complex) -> Complex:
-    """Return 1 - the products of any two: 0 for a pair on the unit circle, but also for two real ones."""
+    """Return 1 less the product of any two: 0 for a complex pair on the unit circle, but also for 2 and 1/2."""
     one, other = np.triu_indices(multipliers.size, 1)
     return np.asarray(1.0 - multipliers[one] * multipliers[other])
 
 
 def _is_pair(multipliers: Complex) -> bool:
-    """Tell whether the two whose product is nearest to 1 are a pair, and no two real ones."""
+    """Tell whether the two multipliers whose product is nearest to 1 are a complex pair, not two real ones."""
     one = np.triu_indices(multipliers.size, 1)[0][np.abs(_pairs(multipliers)).argmin()]
     return bool(abs(multipliers[one].imag) > _AT_CIRCLE)
 
 
-# How multipliers pass the unit circle: by what changes its sign then, and in words.
+# How multipliers pass the unit circle: for each kind a number that changes its sign there, and words.
 _PASSES: dict[str, tuple[Callable[[Complex], float], str]] = {
     "crossing": (
         lambda found: _product(1.0 - found),

@@ -24,7 +24,7 @@ _MOST_STEPS = 12  # steps of Newton's method back to the branch
 _TURNED = 0.7  # cosine of the angle by which the tangent may turn in a step
 _FAR = 0.5  # part of its step by which a corrected place may lie off the predicted one
 
-# What says that there is no cycle where it was looked for.
+# Errors which say that there is no cycle where one was looked for.
 ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
 
 _SURE = 1e-2  # part of the tolerance below which no further step is taken
@@ -37,7 +37,7 @@ class Place:
 
     cycle: Cycle
     value: float  # of the parameter
-    # along the branch: start, period where it is free, parameter; each over its scale, of length 1
+    # direction of the branch, of length 1: start, period where it is free, parameter, each over its scale
     tangent: Array
 
     @property
@@ -49,15 +49,15 @@ class Place:
 class Arc:
     """Steps along a branch of cycles.
 
-    `period` returns that of the loads by the value of the parameter; None where it is free or does not change. A change
-    of the parameter by `scale` is neither small nor large.
+    `period` returns the period of the loads at a value of the parameter; None where it is free or does not change. A
+    change of the parameter by `scale` is neither small nor large.
     """
 
     def __init__(self, parameter: Parameter, period: Callable[[float], float] | None, scale: float) -> None:
         self._parameter, self._period, self._scale = parameter, period, abs(scale)
 
     def begin(self, cycle: Cycle, value: float, forward: bool) -> Place:
-        """Return the place of a cycle, from which the parameter rises or falls."""
+        """Return the place of a cycle; along its tangent the parameter rises if `forward`, else it falls."""
         _, _, tangent = self._linear(cycle.shot, value)
         return Place(cycle, value, tangent if (tangent[-1] > 0) == forward else -tangent)
 
@@ -103,7 +103,7 @@ class Arc:
         return self.step(before, float(found))
 
     def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array]:
-        """Return the derivatives by start, period and parameter, what is missed, and the tangent; all in scales."""
+        """Return derivatives of `missed` by start, period and parameter, `missed`, and the tangent, all over scales."""
         by_parameter, _ = shot.by_parameter(self._parameter.at(value))
         if self._period is not None:
             h = 1e-4 * self._scale

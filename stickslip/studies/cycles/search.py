@@ -35,26 +35,26 @@ from stickslip.studies.cycles.periodicity import (
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.derivatives.variations import simulated
 
-_NEAR = 0.05  # part of its size within which a motion comes back to where a search begins
+_NEAR = 0.05  # a search begins where a motion comes back to an earlier state within this part of its size
 
-# A first transient lasts so many turns; each further one is so many times as long, and so many are tried.
+# The first transient lasts _TURNS turns, and each further one is _LONGER times as long; _TRIES of them are tried.
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 
-# Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns.
+# More are tried where a transient has fewer events and steps than these: cycles may be much longer than turns.
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 
 _STILL = 1e-6  # part of the fastest rate of a scene below which another one is roundoff
 
 _MOST_STEPS = 400_000  # a transient that would take more steps is not tried
 
-# A motion of which less is left than the first part in the last quarter of a transient comes to rest; one of which
-# less is left of its largest velocities than the second has come there.
+# A motion comes to rest if velocities in the last quarter of a transient range over less than _SHRINKS of their range
+# in the quarter before. It is at rest if they range over less than _DEAD of their range in the whole transient.
 _SHRINKS, _DEAD = 0.9, 1e-9
 
-_AWAY = 3  # how many longer transients are to lead away from a cycle that is unstable
+_AWAY = 3  # number of longer transients that are tried to lead away from an unstable cycle
 
-_BACK = 8  # periods at whose ends a motion has to be where it was some periods before to be of that period
-_MOST_FAILURES = 3  # after how many transients Newton's method may fail where the period is free
+_BACK = 8  # a motion repeats after k periods if it is where it was k periods before, this many times in a row
+_MOST_FAILURES = 3  # the search ends when Newton's method has failed after this many transients
 
 
 def limit_cycle(
@@ -70,8 +70,8 @@ def limit_cycle(
     """Return a periodic motion of a scene, and its multipliers.
 
     A transient leads near the cycle, where it is stable; Newton's method with exact derivatives through events finds
-    it to roundoff. One that is unstable only passes by: where the period is free and no `transient` is given, longer
-    ones lead on. Unstable cycles are found from a start near them with ``transient=0``.
+    it to roundoff. A transient may only pass by an unstable cycle: where the period is free and no `transient` is
+    given, longer ones lead on. Unstable cycles are found from a start near them with ``transient=0``.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def limit_cycle(
     period : float, optional
         Period in s of the loads, or a multiple of it; without it the loads must be constant, and the period is found.
     guess : float, optional
-        About the period in s, where it is to be found; by default it is seen in the transient.
+        Approximate period in s, where it is to be found; by default it is read from the transient.
     transient : float, optional
         How long in s the scene moves before the search. By default as long as it takes to come back to where it was;
         50 periods where the period is given. With 0 the search begins at the scene's own start.
@@ -125,7 +125,7 @@ def limit_cycle(
         try:
             return given(start)
         except CycleError:
-            # a longer transient leads nearer, or tells that the motion repeats after several periods
+            # a longer transient leads nearer, or shows that the motion repeats after several periods
             return given(_settled(start, period, int(_LONGER) * periods, options))
     check_constant(system)
     if transient == 0:
@@ -136,7 +136,7 @@ def limit_cycle(
 
 
 def _once(cycle: Cycle) -> Cycle:
-    """Return a cycle of free period as one turn, where it was found as several."""
+    """Return a single turn of a cycle of free period, where it was found as several turns."""
     count = len(cycle.sequence)
     for turns in range(count, 1, -1):
         if count % turns:
@@ -148,7 +148,7 @@ def _once(cycle: Cycle) -> Cycle:
 
 
 def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
-    """Return the scene as it starts after some periods of its loads.
+    """Return the scene in the state to which it has come after some periods of its loads.
 
     If the motion only comes back after several periods, that is a `CycleError`.
     """
@@ -159,7 +159,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     for group in closing.groups:
         size[group] = size[group].max(initial=0.0)
     size[size == 0] = 1.0
-    # what comes back by chance does not do so time after time
+    # a motion that comes back by chance does not do so several times in a row
     last = max(1, min(_BACK, periods // 2))
     apart = [
         float(np.abs((z[:, -last:] - z[:, -last - k : -k]) / size[:, None]).max(initial=0.0))
@@ -175,7 +175,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
 
 
 def _after_transient(scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]) -> Cycle:
-    """Return the cycle that a transient leads to, an unstable one only where it does not go on to another."""
+    """Return the cycle that a transient leads to; an unstable one only if longer transients lead to no other."""
     span = 2.0 * transient if transient else _TURNS * (guess or longest_turn(compiled(scene)))
     first = found = _near(scene, guess, span, options)
     for _ in range(_AWAY if transient is None else 0):
@@ -196,12 +196,12 @@ class _Found(NamedTuple):
 
     @property
     def passes_by(self) -> bool:
-        """Whether a motion leaves the cycle again."""
+        """Whether a motion near the cycle leaves it again."""
         return not (self.cycle.stable or self.cycle.neutral)
 
 
 def _near(scene: Scene, guess: float | None, span: float, options: dict[str, Any], most: int = _MOST_TRIES) -> _Found:
-    """Return the cycle that a transient of some span leads near to, or one of the longer ones that are tried."""
+    """Return the cycle to which a transient of some span leads, or one of the longer ones that are tried."""
     failures = 0
     for trial in range(most):
         result = simulated(scene, (0.0, span), **options)
@@ -240,7 +240,7 @@ def _near(scene: Scene, guess: float | None, span: float, options: dict[str, Any
 
 
 def longest_turn(system: System) -> float:
-    """Return about the longest time in s in which a scene swings where nothing sticks, by springs or by blocks."""
+    """Return roughly the longest period in s with which springs or blocks let a scene swing if nothing sticks."""
     y, q = system.at_start(), system.loads(0.0, 1.0).after(0.0)
     regions = system.piecewise.at(y, q.at(0.0), None)
     free = equations_in(where_nothing_sticks(system), system, regions)
@@ -254,7 +254,7 @@ def longest_turn(system: System) -> float:
 
 
 def _has_ended(result: Result) -> bool:
-    """Tell whether nothing moves any more against anything."""
+    """Tell whether the motion has come to a state that does not change."""
     last = result.trajectory.pieces[-1]
     motion = result.trajectory.motion(len(result.trajectory.pieces) - 1)
     if last.end < 0.5 * (last.stop - result.trajectory.pieces[0].t):
@@ -265,12 +265,12 @@ def _has_ended(result: Result) -> bool:
 
 
 def _goes_on(result: Result) -> str:
-    """Return in words which position that forces read grows for ever, nothing if none does."""
+    """Return in words which position that forces read grows for ever; an empty text if none does."""
     system, start, stop = result.trajectory.system, float(result.t[0]), float(result.t[-1])
     late = np.linspace(0.5 * (start + stop), stop, 5)
     read = np.abs(read_positions(system)).max(axis=0, initial=0.0) > _STILL
     steps = np.diff(result.sample(late).y[system.n : system.first_bristle], axis=1)
-    # as far in each eighth of the time, but for turns that are cut
+    # it moves about as far in each eighth of the time; the ends of an eighth may cut a turn
     least, most = np.abs(steps).min(axis=1), np.abs(steps).max(axis=1)
     steady = read & (np.ptp(np.sign(steps), axis=1) == 0) & (least > 0.5 * most)
     bodies = [*system.scene.bodies, *system.scene.drives]
@@ -285,7 +285,7 @@ def _goes_on(result: Result) -> str:
 
 
 def _dies_away(result: Result) -> str:
-    """Return in words how a motion dies away, nothing if it does not."""
+    """Return in words how a motion dies away; an empty text if it does not."""
     t, n = result.t, result.trajectory.system.n
     late = result.sample(np.linspace(t[0] + 0.75 * (t[-1] - t[0]), t[-1], 2000)).y[:n]
     if np.ptp(late, axis=1).max(initial=0.0) <= _DEAD * np.ptp(result.y[:n], axis=1).max(initial=0.0):
@@ -305,11 +305,11 @@ def left_of(result: Result) -> float:
 
 
 def _marks(result: Result) -> tuple[Array, list[str]]:
-    """Return times that may come back and what happens then: events, or where these cease turns of the fastest body."""
+    """Return times at which a motion may repeat, and their names: events, else turns of the fastest body."""
     middle = 0.5 * (result.t[0] + result.t[-1])
     if len(result.events) >= 4 and result.events[-1].t >= middle:
         return np.array([event.t for event in result.events]), [mode_change(event) for event in result.events]
-    # what lasts a moment shows at the times fit for a plot
+    # the times fit for a plot show changes that last only a moment
     t = np.unique(np.concatenate([np.linspace(result.t[0], result.t[-1], 4000), result.t]))
     v = result.sample(t).y[: result.trajectory.system.n]
     later = t >= middle
@@ -321,7 +321,7 @@ def _marks(result: Result) -> tuple[Array, list[str]]:
 
 
 def _return_of(result: Result, guess: float | None) -> tuple[Scene, float] | None:
-    """Return a start and about the period where the end of a motion has come back to where it was before, else None."""
+    """Return a start and roughly the period if a motion has come back to an earlier state at its end, else None."""
     times, names = _marks(result)
     count, closing = times.size, Closing(result.trajectory.system)
     for back in range(1, count // 2):

@@ -26,8 +26,8 @@ from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.parameters import Parameter
 
-# A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
-# much.
+# A motion closes if it misses its start by no more than this part of its size; a motion by CVODE may miss it by a
+# thousand times as much.
 _CLOSED = 1e-10
 
 _ZERO = 1e-9  # a multiplier no larger than this is 0
@@ -73,7 +73,10 @@ class Shot:
 
     @property
     def _elsewhere(self) -> float:
-        """By what part of its size the motion misses its start in what is held at the start and may move at the end."""
+        """By what part of its size the motion misses its start in all states that have to close.
+
+        Those that are held at the start are no coordinates, but may move at the end.
+        """
         closing = Closing(self.system)
         off = np.abs(closing.of(self.stop) - closing.of(self.start))
         whole = closing.of(self.result.y)
@@ -85,7 +88,7 @@ class Shot:
         return max(float(off[g].max(initial=0.0)) / size for g, size in zip(closing.groups, sizes, strict=True))
 
     def between_events(self) -> Shot:
-        """Return the shot from the middle of the longest motion: an event at the start has no derivative."""
+        """Return the shot from the middle of the longest motion: an event at the start would have no derivative."""
         at = middle_of(self.result, self.begin, self.begin + self.period)
         begin = at % self.period if self.forced else 0.0
         return Shot(scene_at(self.result, at), self.period, self.forced, self.options, begin)
@@ -116,7 +119,7 @@ class Shot:
 
     @cached_property
     def monodromy(self) -> Array:
-        """How coordinates after one period follow those before."""
+        """Derivatives of the coordinates after one period by those before."""
         return self._after(Variation(self.result, self.coordinates.directions()))
 
     def _rate(self, number: int, tau: float, y: Array) -> Array:
@@ -136,9 +139,9 @@ class Shot:
         return self._rate(len(pieces) - 1, pieces[-1].end, self.stop)
 
     def matrix(self, *others: Array) -> Array:
-        """Return how what is missed changes with start, free period and `others`, all in their sizes.
+        """Return the derivatives of `missed` by start, free period and `others`, all in units of their sizes.
 
-        Where the period is free the last line is the change along the motion itself.
+        Where the period is free, the last line gives how far a change of the start goes along the motion itself.
         """
         count = self.coordinates.size
         columns = [(self.monodromy - np.eye(count)) * self.sizes]
@@ -152,20 +155,20 @@ class Shot:
         return np.vstack([found, along])
 
     def lines(self, missed: Array) -> Array:
-        """Return what is missed in its sizes, a number for each line of `matrix`."""
+        """Return `missed` in units of its sizes, a number for each line of `matrix`."""
         found = missed / self.sizes
         return found if self.forced else np.append(found, 0.0)
 
     def solve(self, right: Array) -> tuple[Array, float]:
-        """Return changes of start and period that change by how much the motion misses by `right`.
+        """Return changes of start and period that change `missed` by `right`.
 
-        If there are none, a cycle next to it is one, too: that is a `CycleError`.
+        If there are none, cycles are not single there, or there is no cycle: that is a `CycleError`.
         """
         sizes, count = self.sizes, self.coordinates.size
         matrix, sought = self.matrix(), self.lines(right)
         if not count:
             return np.zeros(0), 0.0
-        # what the monodromy matrix has more than the unit matrix by roundoff only is no slope
+        # a singular value that is roundoff of the monodromy matrix is no slope
         left, parts, right_vectors = np.linalg.svd(matrix)
         sure = parts > _ROUNDOFF * max(1.0, float(np.abs(self.monodromy * sizes / sizes[:, None]).max()))
         found = right_vectors.T @ np.divide(left.T @ sought, parts, out=np.zeros(parts.size), where=sure)
@@ -188,7 +191,7 @@ class Shot:
         if own is None:
             own = self.scene
         else:
-            # the derivatives that have led there leave roundoff in held velocities
+            # the start comes from derivatives, which leave roundoff in the velocities of held rows
             system = compiled(own)
             q = system.loads(self.begin, self.begin + self.period).after(self.begin).at(self.begin)
             y = system.with_held(y, system.drive_velocities(q), (modes == 0) & system.hard)
@@ -199,7 +202,7 @@ class Shot:
             raise CycleError(f"the search leads to where the scene cannot be: {error}") from None
 
     def by_parameter(self, parameter: Parameter) -> tuple[Array, Array]:
-        """Return how what is missed, and the starting state, change with a parameter."""
+        """Return the derivatives of `missed`, and of the starting state, by a parameter."""
         if parameter.name not in self._by_parameter:
             direction = along_parameter(self.scene, parameter, self.result.trajectory, "limit_cycle")
             variation = Variation(self.result, [direction])
@@ -211,18 +214,18 @@ class Shot:
         return self._by_parameter[parameter.name]
 
     def along(self, parameter: Parameter, given: float = 0.0) -> tuple[Array, float, Array]:
-        """Return how start, period and starting state change with a parameter along the cycles.
+        """Return the derivatives of start and period by a parameter along the cycles, and that of the starting state.
 
-        A period of the loads that is given changes with it, too, by `given`.
+        `given` is the derivative of the given period of the loads.
         """
         by_parameter, begin = self.by_parameter(parameter)
         change, longer = self.solve(-by_parameter - self.rate_after * given)
         return change, longer, begin
 
     def multipliers(self) -> Complex:
-        """Return the eigenvalues of the map over one period, along the motion left out where the period is free."""
+        """Return the eigenvalues of the map over one period, without that along the motion if the period is free."""
         matrix = self.monodromy * self.sizes / self.sizes[:, None]
-        # so many there are that are not 0: what rows held on the way forget is lost but for a solver's errors
+        # the number of multipliers that are not 0: what held rows forget on the way is lost, but for a solver's errors
         rank = np.linalg.matrix_rank(matrix, tol=_FORGOTTEN * np.linalg.norm(matrix, 2)) if matrix.size else 0
         if not self.forced:
             f = self.rate_before / self.sizes
@@ -235,7 +238,7 @@ class Shot:
         found[np.abs(found) <= _ZERO] = 0.0
         found = found[np.argsort(-np.abs(found), kind="stable")]
         found[max(int(rank) - (not self.forced), 0) :] = 0.0
-        # where held rows leave fewer coordinates, what they forget has the multiplier 0
+        # rows held at the start leave fewer coordinates: each missing one has the multiplier 0
         system = self.system
         ties = np.linalg.matrix_rank(dense(system.G)[system.is_tie]) if system.is_tie.any() else 0
         places = movable(system, read_positions(system), np.zeros(system.m, dtype=bool)).shape[0]

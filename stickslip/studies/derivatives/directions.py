@@ -15,20 +15,22 @@ from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Trajectory
 from stickslip.studies.parameters import Parameter
 
-PART = 1e-3  # step of a difference as a part of what changes
+PART = 1e-3  # step of a finite difference, as a part of the size of the number that is changed
 
-# By so many rad a sine may be turned at the most by a change of its frequency as large as what changes.
+# Largest angle in rad by which a sine may turn over the whole run if its frequency changes by its size.
 _TURN = 5.0
 
-_LEAST = 1e-2  # part of what a number is added to that counts as its size where it is smaller
+_LEAST = 1e-2  # least size of a number, as a part of the size of the quantity that it is added to
 
-# The same where forces bend at rest: near by, a contact that has just begun to slip may slip the other way.
+# Takes the place of PART where forces depend on velocity. They bend at rest: near by, a contact that has just begun to
+# slip may slip the other way.
 _FINE_PART = 1e-5
 
 CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
 
-# Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly.
+# Offsets and weights of differences of fourth order. In this order the weights of CENTRAL add up to exactly 0, so a
+# constant contributes nothing; those of the others add up to 0 within roundoff.
 MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
 
 _STENCILS = CENTRAL, _ONE_SIDED, MIRRORED
@@ -39,13 +41,13 @@ class Direction:
     """A direction in which the start or the scene changes."""
 
     name: str
-    # systems near by and the weights with which a quantity of theirs adds up to its derivative; empty where
-    # only the start changes
+    # weights, systems near by and their loads: the weighted sum of a quantity over these systems is its
+    # derivative; empty where only the start changes
     near: tuple[tuple[float, System, Loads], ...]
     y: Array  # (size,): how the state changes at the start, before held velocities are made equal
     since: Array  # (m,): how the times change at which rows became held
-    size: float = 1.0  # of what changes: derivatives times it have the size of what they are derivatives of
-    # (n + drives,): how the positions of bodies and drives change at the start; empty where states alone do
+    size: float = 1.0  # of the number that changes: a derivative times it is about as large as the quantity itself
+    # (n + drives,): how the positions of bodies and drives change at the start; empty where only states change
     positions: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -61,7 +63,8 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     refused: Exception | None = None
     differs = False
     near: list[tuple[float, System, Loads]] = []
-    # other numbers may keep it nearer to its own value than what it is added to is large
+    # A step by the natural size may be refused beside the other numbers of the scene, as a limit of a stop beyond the
+    # other limit. Then the size of the value itself is tried.
     for size, stencil in product(sizes, _STENCILS):
         h, near = part * size, []
         try:
@@ -93,7 +96,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
 
 
 def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:
-    """Return the size of a change of a parameter: over a small part of it, what follows is as good as straight."""
+    """Return the size of a parameter: over a small part of it, the motion depends on the parameter almost linearly."""
     field, size = parameter.field, abs(parameter.value)
     if field == "phase":
         return 1.0
@@ -101,13 +104,13 @@ def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:
         latest = max(map(abs, trajectory.span[:2]))
         return min(size or math.inf, _TURN / (2 * math.pi * latest))
     if field == "times":
-        # a break keeps its place among the others
+        # small beside the distance to the next breaks: the order of the breaks must not change
         return min((distance for distance in parameter.beside(scene) if distance > 0), default=size or 1.0)
     return max(size, _LEAST * _beside(field, trajectory)) or 1.0
 
 
 def _beside(field: str, trajectory: Trajectory) -> float:
-    """Return the size of what a number is added to: a length, a velocity, a force or what relates these."""
+    """Return the size of the quantity that a number is added to: a length, a velocity, a force, or a ratio of these."""
     system, pieces = trajectory.system, trajectory.pieces
     y = np.max([piece.kept_path.largest for piece in pieces], axis=0)
     numbers = np.arange(len(pieces)).repeat(2)

@@ -21,17 +21,18 @@ from stickslip.studies.derivatives.nearby import REST, Nearby, total
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
-_LOOKS = 8  # at so many times in each step all guards are looked at
+_LOOKS = 8  # number of times in each step at which all guards are computed
 
-# A guard below the first part of its size is followed to its minimum; a minimum below the second part touches 0.
+# Where a guard dips below the first part of its size, its minimum is searched for. A minimum below the second part
+# counts as 0.
 _NEAR, _TOUCH = 1e-2, 1e-9
 
 _ROUNDOFF = 1e-13  # part of its size by which a guard has to rise on both sides of a touch
-_AT_REST = 1e-9  # part of the speeds below which a row has come to rest with another one
+_AT_REST = 1e-9  # part of the speeds below which a row counts as at rest where another row comes to rest
 
 
 def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> Iterator[tuple[int, str]]:
-    """Find directions that move rows off rest at the start which begin to slip, or forces off their levels there."""
+    """Find directions that move forces off their levels at the start, or rows off rest that begin to slip there."""
     times = np.zeros(nearby.count)
     for k, label in _off_levels(VariedGuards(nearby, piece, motion), S, since, times):
         yield k, f"{label} starts at its level: the derivatives to the two sides differ"
@@ -49,7 +50,7 @@ def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Arra
 def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
     """Find directions that move rows off rest at the start whose level rises while they rest.
 
-    Near by, to either side, they slip for a moment before they rest.
+    Whether the parameter rises or falls, such a row then slips for a moment before it rests.
     """
     trajectory, system = nearby.trajectory, nearby.system
     piece = trajectory.pieces[0]
@@ -59,7 +60,7 @@ def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
 
 
 def at_closed_stops(nearby: Nearby, sides: Modes) -> Iterator[tuple[int, str]]:
-    """Find directions in which stops that start closed, at rest, part to one side and hit to the other."""
+    """Find directions in which stops that start closed at rest would part or, for the opposite change, hit."""
     system, t = nearby.system, nearby.trajectory.span.start
     w = system.relative_velocity(system.at_start(), nearby.trajectory.loads.after(t).at(t))
     rows = (system.is_stop & (sides != 0) & (np.abs(w) <= REST * nearby.state_sizes[0])).nonzero()[0]
@@ -68,7 +69,7 @@ def at_closed_stops(nearby: Nearby, sides: Modes) -> Iterator[tuple[int, str]]:
 
 
 def _relative_at_start(nearby: Nearby) -> Array:
-    """Return the derivatives of the relative velocities at the start, before held ones are made equal."""
+    """Return the derivatives of the relative velocities at the start, before those of held rows are made 0."""
     system, piece = nearby.system, nearby.trajectory.pieces[0]
     slopes = np.empty((system.m, nearby.count))
     for k, near_ones in enumerate(nearby.near_ones):
@@ -81,7 +82,7 @@ def _relative_at_start(nearby: Nearby) -> Array:
 
 
 def at_loops(nearby: Nearby, motion: Motion) -> Iterator[tuple[int, str]]:
-    """Find directions in which rows that hold the same motion contradict each other."""
+    """Find directions in which rows that hold the same motion contradict each other in scenes near by."""
 
     def known(one: Motion) -> tuple[int, bool]:
         return one.equations.dependent.size, one.equations.balance.parting is None
@@ -120,7 +121,7 @@ def at_stops(nearby: Nearby, motion: Motion, S: Array, sides: Modes) -> Iterator
 
 
 def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece) -> Iterator[tuple[int, str]]:
-    """Find directions that move tables off a corner at which they stay during a motion."""
+    """Find directions that move the argument of a table off a corner at which it stays during a motion."""
     piece, dependence = nearby.trajectory.pieces[number], nearby.system.dependence
     if dependence is None or not dependence.tables or piece.end <= 0:
         return
@@ -135,7 +136,7 @@ def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
 
 
 def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterator[tuple[int, str]]:
-    """Find directions that press a contact, to one side only, during a motion in which it slides unpressed."""
+    """Find directions that press a contact which slides with normal force 0, for one sign of the change only."""
     system, piece = nearby.system, nearby.trajectory.pieces[number]
     path = piece.kept_path
     taus = piece.end * np.array([0.5, 1.0])
@@ -152,9 +153,9 @@ def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterato
 
 
 def at_touches(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece) -> Iterator[tuple[int, str, float]]:
-    """Find directions that lift or lower guards which touch 0 without crossing it, and the local times of that.
+    """Find directions that move guards which touch 0 without crossing it, and the local times of these touches.
 
-    An event begins or vanishes there.
+    For one sign of the change such a guard crosses 0, and there is an event; for the other there is none.
     """
     piece = nearby.trajectory.pieces[number]
     path = piece.kept_path
@@ -178,7 +179,8 @@ def at_touches(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
 
         bounds = (taus[at], taus[at + 2])
         found = scipy.optimize.minimize_scalar(value, bounds=bounds, method="bounded", options={"xatol": 1e-12})
-        # where a guard is small, as between the last rebounds of a stop, it has minima by roundoff
+        # Where a guard is small all along, as between the last rebounds of a stop, roundoff makes minima. So it has to
+        # be larger on both sides of a touch.
         around = min(float(g[i, : at + 1].max()), float(g[i, at + 2 :].max()))
         if found.fun <= min(_TOUCH * size[i], 0.5 * around) and around > _ROUNDOFF * size[i]:
             tau = float(found.x)
@@ -205,7 +207,7 @@ def at_break(
 def beyond_break(
     nearby: Nearby, number: int, motion: Motion, S: Array, since: Array, times: Array
 ) -> Iterator[tuple[int, str]]:
-    """Find directions in which a load that comes exactly to a level on a break would go beyond it or stay below."""
+    """Find directions in which a force that is exactly at its level on a break would be beyond or below the level."""
     piece, following = nearby.trajectory.pieces[number : number + 2]
     path = piece.kept_path
     if not np.any(piece.modes == 0):
@@ -223,15 +225,16 @@ def beyond_break(
 def _ties(
     nearby: Nearby, piece: Piece, own: VariedGuards, S: Array, since: Array, times: Array
 ) -> Iterator[tuple[int, str]]:
-    """Find directions in which one of contacts that a jump of a load overloads equally would let go before the others.
+    """Find directions in which one of several contacts that a jump of a load overloads equally lets go first.
 
-    That counts where it leads to other modes. `own` are the guards of the motion in the modes before the jump.
+    A direction counts only if the modes that follow depend on which contact lets go first. `own` are the guards of the
+    motion in the modes before the jump.
     """
     system, guards, rows, held = nearby.system, own.guards, own.guards.rows, own.guards.motion
     is_held = rows.is_force & (system.is_friction & (held.equations.modes == 0))[guards.row]
     force = -rows.sign * held.first.z[0][rows.source]
     level = guards.start[0] + force
-    # what has no level lets go at once, whatever the others do
+    # a row without a level lets go at once, whatever the others do
     over = (is_held & (guards.start[0] < -_TOUCH * guards.scale) & (level > 0)).nonzero()[0]
     if over.size < 2:
         return
@@ -256,7 +259,7 @@ def _ties(
 
 
 def _after_one(piece: Piece, held: Motion, row: int, direction: int) -> bytes:
-    """Return the modes to which it leads that one of the held rows lets go alone; nothing where it leads to none."""
+    """Return the modes that follow if one of the held rows lets go alone, as bytes; empty if none are consistent."""
     system, equations, none = held.system, held.equations, np.zeros(held.system.m, dtype=bool)
     now = Situation(held.t, held.y, piece.labels, held.since, none, none)
     search = Search(system, held.segment, now, piece.labels, equations.is_held, equations.regions, None)
@@ -271,7 +274,7 @@ def _after_one(piece: Piece, held: Motion, row: int, direction: int) -> bytes:
 def beyond_event(
     nearby: Nearby, following: Piece, motion: Motion, S: Array, since: Array, times: Array
 ) -> Iterator[tuple[int, str]]:
-    """Find directions in which what is held after an event, with a force exactly at its level, would not be held."""
+    """Find directions in which a row that is held after an event, with its force exactly at its level, would let go."""
     if not np.any(following.modes == 0):
         return
     for k, label in _off_levels(VariedGuards(nearby, following, motion), S, since, times):
@@ -279,9 +282,9 @@ def beyond_event(
 
 
 def _off_levels(own: VariedGuards, S: Array, since: Array, times: Array) -> Iterator[tuple[int, str]]:
-    """Find directions that move forces off levels at which a motion starts, and what these belong to.
+    """Find directions that move forces off their levels where a motion starts at them, with the labels of the guards.
 
-    `own` are its guards; the time at which it starts changes by `times`.
+    `own` are the guards of the motion. The time at which it starts changes by `times`.
     """
     guards, motion = own.guards, own.guards.motion
     is_force = ~(guards.is_velocity | guards.is_border)
@@ -317,7 +320,7 @@ def at_rest_together(
 
 
 def _speed_slopes(nearby: Nearby, S: Array, rate: Array, times: Array) -> Array:
-    """Return for each direction the size of what adds up in derivatives of velocities."""
+    """Return for each direction the size of the terms that add up in derivatives of velocities."""
     n = nearby.system.n
     found = np.abs(S[:n]).max(axis=0, initial=0.0) + np.abs(rate[:n]).max(initial=0.0) * np.abs(times)
     return np.asarray(found + 1e-4 * nearby.state_sizes[0] / nearby.sizes)

@@ -1,4 +1,4 @@
-"""Motions near by: in scenes a little off and from starts a little off; what differs between them is a derivative."""
+"""Motions near by: of scenes and from starts that differ a little. Weighted sums over them are derivatives."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from stickslip.studies.derivatives.directions import CENTRAL, MIRRORED, PART, Di
 from stickslip.studies.derivatives.steep import least_change
 from stickslip.studies.derivatives.varied import VariedPiece
 
-# Of a motion, local times (k,) and states (size, k); its last axis is time.
+# A quantity: a function of a motion, local times (k,) and states (size, k). The last axis of its values is time.
 OfMotion = Callable[[Motion, Array, Array], Array]
 
 REST = 1e-11  # part of the speeds of a motion below which a velocity is 0
 
-# So many times as far as scenes near by move a relative velocity, its friction force may bend too much for them.
+# If a relative velocity is smaller than this many times the amount by which it differs in scenes near by, its friction
+# force may bend too much between these scenes.
 _BESIDE = 100.0
 
-_FINE = 1e-4  # step of a difference as a part of the size of the motion
+_FINE = 1e-4  # step of a finite difference, as a part of the size of the motion
 _TINY = np.finfo(float).tiny
 
 
 def total(parts: Sequence[Any]) -> Any:
-    """Return the sum of weighted values near by: their weights add up to 0, so what is constant leaves no roundoff."""
+    """Return the sum of weighted values near by in their order: a central difference of a constant is exactly 0."""
     return sum(parts[1:], parts[0]) if parts else 0.0
 
 
@@ -50,7 +51,7 @@ class Nearby:
         if self.system.sampled:
             raise ValueError("sensitivities: sampled blocks have no derivatives here; blocks in continuous time have")
         self.directions = list(directions)
-        # directions in which the scenes near by have other breaks
+        # directions in which loads of the scenes near by have another number of breaks
         counts = _counts(self.trajectory.loads)
         self.lost_breaks = [
             k for k, one in enumerate(directions) if any(_counts(loads) != counts for _, _, loads in one.near)
@@ -58,9 +59,9 @@ class Nearby:
         self.near_ones = [() if k in self.lost_breaks else one.near for k, one in enumerate(directions)]
         self.count = len(self.directions)
         self._beside: tuple[Motion | None, dict[int, list[tuple[float, Motion]]]] = None, {}
-        # of what changes in each direction
+        # of the number that changes in each direction
         self.sizes = np.array([one.size for one in self.directions])
-        # along the way: what starts from 0 is not small
+        # sizes along the whole motion: a state that starts from 0 is not small
         size = np.max([piece.kept_path.largest for piece in self.trajectory.pieces], axis=0)
         n, first = self.system.n, self.system.first_bristle
         self.state_sizes = np.empty(self.system.size)
@@ -74,15 +75,15 @@ class Nearby:
         self.bend = min([*(one for one in speeds if one is not None), finest])
 
     def segment_after(self, t: float, loads: Loads) -> Segment:
-        """Return the segment of loads near by that has the number of the nominal one after `t`."""
+        """Return the segment of loads near by with the same number as the nominal segment after `t`."""
         number = bisect_right(self.trajectory.loads.every_break, t)
         span = self.trajectory.span
-        # what breaks together here may break one after the other there
+        # loads that break together here may break one after the other there
         ends = [span.start, *loads.every_break, span.stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
     def motion_of(self, number: int) -> Motion:
-        """Return the motion of a piece, its tables on the lines on which they were."""
+        """Return the motion of a piece, with its tables in the regions in which they were."""
         loads, dependence = self.trajectory.loads, self.system.dependence
         if dependence is not None and dependence.tables:
             x = self.looked_up(number, np.array([0.5]))[:, 0]
@@ -92,7 +93,7 @@ class Nearby:
         return found
 
     def looked_up(self, number: int, parts: Array) -> Array:
-        """Return what tables are looked up at along a piece, a line each, at parts of its length."""
+        """Return the arguments of the tables along a piece, a line each, at parts of its length."""
         piece = self.trajectory.pieces[number]
         taus = parts * piece.end
         return self.trajectory.motion(number).looked_up(taus, piece.kept_path.at(taus).T)
@@ -100,7 +101,7 @@ class Nearby:
     def near(self, motion: Motion, k: int) -> list[tuple[float, Motion]]:
         """Return the motions of the scenes near by in direction `k`, in the modes of a motion and from its state."""
         if self._beside[0] is not motion:
-            # those of the last one are asked for again and again
+            # only those of the last motion are kept: they are needed many times
             self._beside = motion, {}
         if k not in self._beside[1]:
             self._beside[1][k] = self._made_near(motion, k)
@@ -120,7 +121,7 @@ class Nearby:
     ) -> list[tuple[float, Motion, Array]]:
         """Return weights, motions and states whose quantities add up to the derivative along S and `since`.
 
-        Quantities that are linear in the state have no longest step: the longer it is, the less is roundoff.
+        If the quantities are linear in the state (`is_straight`), the step is long: that makes roundoff small.
         """
         found = []
         part = float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0))
@@ -128,7 +129,7 @@ class Nearby:
             bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self.bend
             h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
             found += [(weight / h, motion, y + offset * h * S) for offset, weight in CENTRAL]
-        # a dwell time may be short beside all that moves
+        # the step is a part of the shortest dwell time, which may be short beside the motion
         part = float(np.abs(since).max(initial=0.0)) / self._dwell
         if part > 0 and (self.system.dwelling.size or motion.has_law):
             h = _FINE / part
@@ -151,7 +152,7 @@ class Nearby:
         """Return the derivatives of a quantity at fixed local times, from the variations S there; directions last."""
         none = np.zeros_like(quantity(motion, taus, y))
         found = np.empty((*none.shape, self.count))
-        # functions of the user are not asked beside a variation that does not exist
+        # functions of the user are not called with NaN, where a variation does not exist
         exists = np.isfinite(S).all(axis=0) & np.isfinite(since).all(axis=0)
         S, since = np.where(exists, S, 0.0), np.where(np.isfinite(since), since, 0.0)
         for k in range(self.count):
@@ -168,8 +169,9 @@ class Nearby:
     def forcing(self, motion: Motion, since: Array, taus: Array, y: Array) -> Array:
         """Return the derivatives of the rates at fixed times and states, (size, k, directions).
 
-        Beside relative velocity 0 laws bend, or turn over: where scenes near by have other relative velocities there,
-        their states are moved to where these are the same, and what that does to the rates is taken off.
+        Near relative velocity 0 friction laws bend, or change their sign. So if scenes near by have other relative
+        velocities there, their states are moved until these are the same, and the effect of this shift on the rates is
+        subtracted.
         """
         found = self.slopes(Motion.rate, motion, since, taus, y, np.zeros((*y.shape, self.count)))
         rows = motion.equations.velocity_dependent
@@ -212,7 +214,7 @@ class Nearby:
         return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
 
     def falls(self, quantity: OfMotion, motion: Motion, tau: float, y: Array, straight: Mask | None = None) -> Array:
-        """Return the slopes of a quantity along a motion from a state; `straight` are lines linear in the state."""
+        """Return the slopes of a quantity along a motion from a state; `straight` marks lines linear in the state."""
         rate = motion.rate(tau, y)
         pace = float((np.abs(rate) / self.state_sizes).max(initial=0.0))
         h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
@@ -223,7 +225,7 @@ class Nearby:
         def slope(taus: Array, states: Array, weights: Array) -> Array:
             return np.asarray(quantity(motion, taus, states) @ weights)
 
-        # along the tangent and its change: the parabola of the motion
+        # states on the parabola that the motion follows: along its tangent, with the change of this
         ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
         found = slope(tau + offsets, y[:, None] + 0.5 * offsets * (rate[:, None] + ahead), weights)
         if pace > 0 and straight is not None and straight.any():
@@ -236,7 +238,8 @@ class Nearby:
     def border_slopes(self, y: Array, q: Array, S: Array) -> Array:
         """Return the derivatives of the borders of all gaps and stops, (borders, directions).
 
-        They are differences of their matrices: those of their values have the roundoff of the places of fast bodies.
+        They come from differences of the matrices: differences of the values would have the roundoff of the positions
+        of fast bodies.
         """
         found = dense(self.system.piecewise.border_y @ S)
         for k, near_ones in enumerate(self.near_ones):

@@ -102,7 +102,8 @@ class Sensitivities:
     def heat(self, contact: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the heat of a contact from the start to fixed times, by default to the end.
 
-        ``heat = integral of r w dt``, in J; of a gap with what it stores. Times and shape are those of `velocity`.
+        ``heat = integral of r w dt``, in J; for a gap the energy that it stores is part of it. Times and shape are
+        those of `velocity`.
 
         Raises
         ------
@@ -169,8 +170,8 @@ def sensitivities(
     """Return the derivatives of event times, velocities, positions, forces and heats with respect to parameters.
 
     Between events ``S = dy/dp`` follows ``S' = f_y S + f_p``; the time of an event at ``g = 0`` has the derivative
-    ``-(g_p + g_y S) / g'``, and S jumps there (saltation). With the series all that is right to about 1e-10 of its
-    size; else it is as accurate as the simulation.
+    ``-(g_p + g_y S) / g'``, and S jumps there (saltation). With the series these derivatives are accurate to about
+    1e-10 of their size; else they are as accurate as the simulation.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def sensitivities(
     parameters : sequence of str
         ``"wheel.inertia"``, ``"block.velocity"``, ``"brake.law.mu_coulomb"``, ``"springs[0].stiffness"``,
         ``"brake.normal.scale"`` (a factor of any load). Where the numbers of a gear or tie change, the velocities at
-        the start change with them: to those that its impulse leaves.
+        the start change with them, as after an impulse that makes the tie hold.
     method, rtol, atol
         As `simulate` takes them.
 
@@ -217,7 +218,7 @@ def _event_changes(variation: Variation) -> Array:
     found = np.full((len(variation.result.events), variation.count), np.nan)
     pieces = variation.trajectory.pieces[:-1]
     changes = {piece.stop: varied.end_change for piece, varied in zip(pieces, variation.pieces, strict=False)}
-    # what happens at the start does so at the start
+    # an event at the start stays at the start: the derivative of its time is 0
     begun = np.isfinite(variation.pieces[0].at(np.zeros(1))[:, 0]).all(axis=0)
     changes[variation.trajectory.span.start] = np.where(begun, 0.0, np.nan)
     relaxed = {event.t for event in variation.result.events if event.cause == "relaxation"}

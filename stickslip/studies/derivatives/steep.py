@@ -1,4 +1,4 @@
-"""Where a motion begins or ends at rest with friction of infinite slope there: that of Stribeck exponents below 1."""
+"""Motions that begin or end at rest where friction has an infinite slope: Stribeck exponents below 1."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from stickslip.equations.path import Path, values
 from stickslip.model.arrays import Array, Indices
 from stickslip.studies.derivatives.radau import radau
 
-# Parts of the velocity within which friction bends, at which slopes are compared.
+# Slopes of friction are compared at these parts of the velocity within which it bends.
 _NEAR, _NEARER = 1e-5, 1e-8
 
-_STEEPER = 1.5  # so many times steeper it is where the slope has no bound
-_LOST = 1.05 * (_NEAR / _NEARER) ** 0.5  # the same where it grows faster than ``w^(-1/2)``
-_CROWD = 4.0 ** -np.arange(2.0, 21.0)[::-1]  # points beside an end, as parts of the motion
-_AT_REST = 1e-8  # part of the speeds below which a relative velocity is at rest at an end
-_ITERATIONS = 4  # so often relative velocities are integrated with the friction of those before
+_STEEPER = 1.5  # a slope that grows by more than this factor from the first to the second has no bound
+_LOST = 1.05 * (_NEAR / _NEARER) ** 0.5  # and one by more than this factor grows faster than ``w^(-1/2)``
+_CROWD = 4.0 ** -np.arange(2.0, 21.0)[::-1]  # further ends of steps beside an end, as parts of the motion
+_AT_REST = 1e-8  # part of the speeds below which a relative velocity counts as 0 at an end
+_ITERATIONS = 4  # how often relative velocities are integrated, each time with the friction of the last ones
 
 
 def least_change(equations: ModeEquations, rows: Indices, apart: Array) -> Array:
@@ -35,12 +35,12 @@ def least_change(equations: ModeEquations, rows: Indices, apart: Array) -> Array
 
 
 class SteepPath:
-    """A solver's path with what it leaves out there.
+    """A solver's path, made finer where it begins or ends at rest with friction of infinite slope.
 
     Its steps, which end at `taus`, crowd towards such an end. Relative velocities that begin from 0 are integrals of
-    relative accelerations: as differences of velocities they have no digits left. It `is_lost` where it begins from
-    rest with friction so steep that what it does then hangs on the beginning itself: ``w' = c w^d`` has solutions that
-    leave 0 at any time; for d below 1/2 they outrun all that else accelerates.
+    relative accelerations: differences of velocities would have no correct digits. The path `is_lost` if it begins from
+    rest with friction so steep that the start does not determine the motion: ``w' = c w^d`` has solutions that leave 0
+    at any time, and for d below 1/2 they grow faster than any motion that other forces cause.
     """
 
     def __init__(self, motion: Motion, path: Path, speed: float, bend: float) -> None:
@@ -72,7 +72,7 @@ class SteepPath:
         return y
 
     def _steep_rows(self, bend: float) -> tuple[Indices, Array]:
-        """Return the rows whose friction has a slope without bound at rest, and how much it grows on the way there."""
+        """Return the rows whose friction has an unbounded slope at rest, and by what factor it grows near there."""
         equations = self._motion.equations
         rows = equations.velocity_dependent
         if not rows.size or equations.bristle_places.size:
@@ -91,9 +91,9 @@ class SteepPath:
 
     @cached_property
     def _begun(self) -> tuple[Array, Array]:
-        """Relative velocities of rows that begin from rest as integrals, up to where velocities tell enough.
+        """Relative velocities of rows that begin from rest, as integrals, until differences of velocities will do.
 
-        They are ends of steps, and polynomials in these.
+        They are given by the ends of steps, and a polynomial for each step.
         """
         motion, rows, system = self._motion, self._rows, self._motion.system
         nodes, weights, to_powers = radau()
@@ -115,6 +115,6 @@ class SteepPath:
         return np.array(known), np.array(velocities)
 
     def _moved(self, taus: Array, y: Array, w: Array) -> Array:
-        """Return states with other relative velocities `w` of the rows, changed least."""
+        """Return states with other relative velocities `w` of the rows, changed as little as possible."""
         apart = w - self._relative(taus, y)[self._rows]
         return y + least_change(self._motion.equations, self._rows, apart)

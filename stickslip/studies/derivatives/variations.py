@@ -45,16 +45,16 @@ _TOGETHER = 1e-10
 _HIT_TOGETHER = "impacts fall together: the derivatives to the two sides differ"
 _STEEP = "friction falls so steeply from rest (a Stribeck exponent below 1/2) that no derivative is known"
 
-_SMALL = 1e-3  # part of its size by which a parameter may change without making two such events one
-_CONTINUOUS = 1e-12  # part of a load by which it differs before and after a break where it does not jump
-_BENT = 0.05  # part of a difference by which what is linear over it is not in the middle
-_JUMP = 1e-7  # part of the speeds by which velocities may differ from those after the jump that is expected
+_SMALL = 1e-3  # a change of a parameter by this part of its size must leave two such events apart
+_CONTINUOUS = 1e-12  # a load that changes at a break by no more than this part of itself does not jump
+_BENT = 0.05  # velocities whose second difference exceeds this part of the first one are not linear there
+_JUMP = 1e-7  # part of the speeds by which velocities after a jump may differ from those expected
 
 
 def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     """Return a simulated motion whose pieces are those of the whole scene, from event to event.
 
-    A longest step, however long, keeps large scenes from being followed part by part. Methods of fixed steps are a
+    With a longest step, however long, large scenes are not followed part by part. Methods of fixed steps are a
     ValueError: their motion has no derivatives.
     """
     span = arguments.span(t_span)
@@ -71,7 +71,7 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
 
 
 def _generic(scene: Scene) -> Scene:
-    """Return the scene with a system that those near by have too, where its own has what is equal only once."""
+    """Return the scene with a `generic` system if its own one merges what is equal: near by it may not be equal."""
     if not isinstance(scene, Scene) or not compiled(scene).has_coincidences:
         return scene
     own = Scene(*scene.elements, motion=scene.motion)
@@ -126,7 +126,7 @@ class Variation(Nearby):
             if length <= _TOGETHER * (trajectory.span.stop - trajectory.span.start) and number:
                 for k, direction in enumerate(self.directions):
                     change = abs(end[k] - begin[k])
-                    # rebounds that accumulate become short, but stay as they are for small changes
+                    # flights between rebounds that accumulate are short, but small changes do not make two rebounds one
                     stays = change * direction.size * _SMALL <= length
                     if not (stays or change <= TIE * (abs(begin[k]) + abs(end[k]))):
                         self._refuse(piece.stop, [(k, "two events fall together")], end)
@@ -185,13 +185,13 @@ class Variation(Nearby):
         return S, since
 
     def _straight(self, piece: Piece) -> list[int]:
-        """Return the deflections of bristles that nothing presses."""
+        """Return the states of bristles in open contacts, whose deflection stays 0."""
         return [state for j, state in self.system.bristle_state.items() if piece.modes[j] == OPEN]
 
     def _of_scene(self, k: int, impact: VariedImpact, held: Mask, before: float, t: float) -> Any:
-        """Return what the scenes near by add in direction `k` to the derivative of the velocities after a jump at `t`.
+        """Return the part of the derivative of the velocities after a jump at `t` that changes of the scene cause.
 
-        Drives jump there from the loads that hold after `before` to those after `t`.
+        It is the one in direction `k`. Drives jump there from the loads that hold after `before` to those after `t`.
         """
 
         def after(near: System, loads: Loads) -> Array:
@@ -210,7 +210,7 @@ class Variation(Nearby):
         return total(parts)
 
     def _breaks_at(self, t: float) -> Array:
-        """Return how the times change of all breaks of loads that are at time `t`, (breaks, directions)."""
+        """Return the changes of the times of all breaks of loads at time `t`, (breaks, directions)."""
         loads, near_by = self.trajectory.loads, _TOGETHER * (self.trajectory.span.stop - self.trajectory.span.start)
         here = []
         if any(abs(b - t) <= near_by for b in loads.breaks):
@@ -250,14 +250,14 @@ class Variation(Nearby):
             times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin_change)
             self._refuse(piece.stop, reasons.items())
         elif piece.end == 0 and (number or closes):
-            # what the event before brings about, in its instant: a gap that touches presses a contact
+            # the motion has no length: the event before causes its end at once, as a gap that touches presses a contact
             times = self.pieces[number].begin_change.copy()
         elif closes and (found := corner_times(self, number, motion, S, since)) is not None:
             # a normal force that has been 0 rises from the corner of a table
             times, reasons = found
             self._refuse(piece.stop, reasons.items())
         elif changes.any() and all(t != piece.stop for t, _ in self._relaxed):
-            # the time of a relaxation is that at which a velocity falls below a margin: it tells nothing of the scene
+            # A relaxation is left out: it comes where a velocity falls below a margin, and its time counts as fixed.
             self._refuse_all(piece.stop, "the motion ends in a way that has no derivative here", times)
         return times
 
@@ -269,7 +269,7 @@ class Variation(Nearby):
         tau = float(path.taus[-1])
         after = self.motion_of(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
-        # Karnopp's dead band takes the velocity also of a contact that goes on the other way at once
+        # Karnopp's dead band sets the relative velocity to 0, even where the contact reverses at once
         turns = (system.laws.rests_below > 0) & (np.abs(piece.modes) == 1) & (following.modes == -piece.modes)
         held = ((following.modes == 0) & system.hard) | turns
         q = after.segment.at(following.t)
@@ -327,7 +327,7 @@ class Variation(Nearby):
         return self._read(times, lambda number, taus: self.slopes_along(quantity, number, self.pieces[number], taus))
 
     def _read(self, times: Array, read: Callable[[int, Array], Array]) -> Array:
-        """Return what is read of pieces at local times, for any times; the last two axes are time and direction."""
+        """Return values at any times by reading each piece at local times; the last two axes are time and direction."""
         place = self.trajectory.places(times)
         taus = self.trajectory.local(place, times)
         parts = [(some, read(number, taus[some])) for number, some in by_piece(place)]

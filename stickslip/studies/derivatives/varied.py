@@ -21,8 +21,8 @@ class VariedPiece:
     taus: Array  # (k + 1,): ends of the steps in s since the start of the motion
     # (k, order + 1, size, directions): in a step ``S = sum_j coefficients[j] s^j`` with s from 0 to 1
     coefficients: Array = field(repr=False)
-    since_change: Array = field(repr=False)  # (m, directions): of the times at which rows became held
-    # (directions,): of the times at which the motion begins and ends
+    since_change: Array = field(repr=False)  # (m, directions): changes of the times at which rows became held
+    # (directions,): changes of the times at which the motion begins and ends
     begin_change: Array
     end_change: Array
     until: Array  # (directions,): local times in s up to which the variations exist
@@ -47,9 +47,9 @@ class VariedPiece:
 class VariedImpact:
     """How velocities jump at an instant, if they do.
 
-    The jump depends only on the relative velocities of rows that impacts reach, and is piecewise linear in them. So it
-    is differenced at the least velocities of bodies and drives that have the same: differences beside velocities that
-    all have in common would be roundoff.
+    The jump depends only on the relative velocities of rows that impacts reach, and is piecewise linear in them. So its
+    differences are taken at the smallest velocities of bodies and drives that have these relative velocities: beside a
+    large velocity that all have in common, they would be roundoff.
     """
 
     system: System
@@ -71,9 +71,10 @@ class VariedImpact:
         return struck(self.system, self.v, self.before, self.now, self.sides, self.hit).v
 
     def near(self, system: System, before: Array, now: Array) -> Array:
-        """Return what the same jump, which is linear in the velocities, makes of them in a scene near by.
+        """Return the velocities after the same jump in a scene near by.
 
-        An impact may be so slow that there it would not happen.
+        The jump is taken at the same relative velocities and continued linearly to those of the scene near by: a slow
+        impact might not happen there.
         """
         if not self.jumps:
             return self.v
@@ -85,9 +86,9 @@ class VariedImpact:
         return np.asarray(self.v - v - change + met + moved)
 
     def along(self, change: Array, later: float) -> tuple[Array, float]:
-        """Return the derivative of the velocities after the jump, and by how much those to the two sides differ.
+        """Return the derivative of the velocities after the jump, and by how much its one-sided derivatives differ.
 
-        Velocities before change by `change`, the time of the jump by `later`. The jump is piecewise linear.
+        Velocities before the jump change by `change`, its time by `later`. The jump is piecewise linear.
         """
         if not (self.jumps and np.isfinite(change).all() and np.isfinite(later)):
             return change, 0.0
@@ -99,7 +100,7 @@ class VariedImpact:
 
     @cached_property
     def _apart(self) -> tuple[Array, Array]:
-        # only relative velocities count: what bodies have in common brings no more than its roundoff
+        # only relative velocities matter: a velocity that all bodies have in common would only add roundoff
         return self._least(self.system, self._own)
 
     @cached_property
@@ -111,7 +112,7 @@ class VariedImpact:
         return np.asarray(system.G[self._rigid] @ self.v + system.D[self._rigid] @ before)
 
     def _least(self, system: System, w: Array) -> tuple[Array, Array]:
-        """Return the least velocities of bodies and drives at which rows that impacts reach have relative ones `w`."""
+        """Return the smallest velocities at which the rows that impacts reach have the relative velocities `w`."""
         levers = np.hstack([dense(system.G[self._rigid]), system.D[self._rigid]])
         found = np.asarray(np.linalg.lstsq(levers, w, rcond=None)[0], dtype=float)
         return found[: system.n], found[system.n :]
@@ -119,9 +120,10 @@ class VariedImpact:
     def _linear(
         self, system: System, v: Array, u: Array, change: Array, turn: Array, jump: Array
     ) -> tuple[Array, float]:
-        """Return the derivative of the jump along changes of velocities and of those of drives, and its kink.
+        """Return the derivative of the velocities after the jump, and by how much its one-sided derivatives differ.
 
-        Before it bodies have `v` and drives `u`, which change by `change` and `turn`; drives jump by `jump`.
+        Before the jump the velocities `v` of bodies change by `change`, and `u` of drives by `turn`; drives jump by
+        `jump`.
         """
         change = self._kept_closed(system, change, turn)
         largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(turn).max(initial=0.0)))
@@ -132,7 +134,7 @@ class VariedImpact:
         h /= largest
 
         def jumped(part: float) -> Array:
-            # by how much velocities jump: of bodies that nothing hits there is no roundoff
+            # only the jump: for bodies that nothing hits it is exactly 0, and their velocities leave no roundoff
             bodies, drives = v + part * change, u + part * turn
             return struck(system, bodies, drives, drives + jump, self.sides, self.hit).v - bodies
 
@@ -140,9 +142,10 @@ class VariedImpact:
         return change + (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
 
     def _kept_closed(self, system: System, change: Array, turn: Array) -> Array:
-        """Return changes without what opens rows that are closed before, and stay so in all scenes near by.
+        """Return the changes of velocities without the part that opens rows which are closed before the jump.
 
-        What changes of the state open, changes of the scene close again: each alone would be a jump of its own.
+        These rows are closed in all scenes near by: a change of the state that opens one goes with a change of the
+        scene that closes it. Each of the two alone would cause another jump.
         """
         rows = self.closed.nonzero()[0]
         if not rows.size:

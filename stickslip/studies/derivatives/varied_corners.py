@@ -9,7 +9,8 @@ from stickslip.model.arrays import Array
 from stickslip.studies.derivatives.nearby import Nearby
 from stickslip.studies.derivatives.varied_guards import TIE
 
-# What comes to a corner more slowly than by this part of its size over the whole motion, grazes it.
+# An argument of a table grazes a corner if, at its speed there, it would change over the whole motion by less than this
+# part of its size.
 _GRAZING = 1e-9
 
 
@@ -18,8 +19,8 @@ def corner_times(
 ) -> tuple[Array, dict[int, str]] | None:
     """Return the changes ``-(x_p + x_y S) / x'`` of the time at which a motion leaves the regions of tables.
 
-    `x` is what a table is looked up at, less its corner. Beside them stands why some do not exist. None is returned
-    where no table leaves its region.
+    `x` is the argument of a table less its corner. A second value holds the reasons why some do not exist, by
+    direction. None is returned where no table leaves its region.
     """
     regions = motion.table_regions
     following = nearby.motion_of(number + 1).table_regions

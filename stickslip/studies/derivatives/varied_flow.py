@@ -15,15 +15,15 @@ from stickslip.studies.derivatives.steep import SteepPath
 
 _ORDER = 20
 _REMAINDER = 1e-16
-_JOINED = 16  # a collocation goes over so many steps of the solver at most
-_AT_ONCE = 8  # collocations for which what drives S is computed together
-_GROWTH, _LEAST = 4.0, 1e-9  # how many times as many steps the next may join, and roughness that is none
+_JOINED = 16  # most steps of the solver that one collocation covers
+_AT_ONCE = 8  # number of collocations for which the forcing of S is computed together
+_GROWTH, _LEAST = 4.0, 1e-9  # largest factor by which the number of joined steps may grow, and least roughness
 
-# Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, 1e-11 in smooth
-# motions and 1e-10 where a function has a kink in its slope.
+# The last coefficient of a polynomial may be this part of the largest one. The error of S is far smaller: 1e-11 in
+# smooth motions, and 1e-10 where a function has a kink in its slope.
 _LAST = 1e-6
 
-# Part of a step before a turn at which the step ends: its last point is to lie on its own side.
+# A step ends before a turn by this part of itself: its last point has to lie on the same side as the others.
 _BESIDE = 1e-11
 
 _TINY = np.finfo(float).tiny
@@ -32,7 +32,7 @@ _TINY = np.finfo(float).tiny
 def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
     """Return the ends of steps and the coefficients of S along a motion from its variations at the start.
 
-    Besides, whether friction falls too steeply from rest.
+    Also return whether friction falls too steeply from rest.
     """
     if piece.end <= 0:
         return np.zeros(1), np.zeros((0, 1, nearby.system.size, nearby.count)), False
@@ -67,7 +67,7 @@ def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
 
 
 def _homogeneous(nearby: Nearby, motion: Motion, tau: float, y: Array, S: Array, h: float) -> Array:
-    """Return the coefficients of the motions that S alone causes: differences of motions linear in their start."""
+    """Return the coefficients of S without forcing: differences of motions, which are linear in their start."""
     none = np.zeros((nearby.system.drives, nearby.count))
     S = motion.equations.consistent(S.copy(), none)
     c = np.zeros((_ORDER + 1, nearby.system.size, nearby.count))
@@ -96,8 +96,8 @@ def _step_limit(c: Array) -> float:
 def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
     """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
 
-    As many steps are joined as leave S a polynomial there: its last coefficient tells. Where bristles turn over, the
-    slopes of the rates jump: a step ends there.
+    Steps are joined as long as one polynomial represents S over all of them: its last coefficient shows that. Where
+    bristles turn over, the slopes of the rates jump: a step ends there.
     """
     size, count = nearby.system.size, nearby.count
     path = SteepPath(motion, piece.kept_path, float(nearby.state_sizes[0]), nearby.bend)
@@ -152,7 +152,7 @@ def _turns(motion: Motion, path: SteepPath) -> Array:
 
         begin, end = taus[i : i + 2].tolist()
         beside = _BESIDE * (end - begin)
-        # what is 0 but for roundoff may have another sign when it is asked alone
+        # a velocity that is 0 but for roundoff may have another sign when it is computed for one time alone
         turn = begin if abs(w[j, i]) < abs(w[j, i + 1]) else end
         if velocity(begin) * velocity(end) < 0:
             turn = root_between(velocity, begin, end)
@@ -163,20 +163,20 @@ def _turns(motion: Motion, path: SteepPath) -> Array:
 def _collocation(motion: Motion, h: float, taus: Array, y: Array, forcing: Array, S: Array) -> tuple[Array, Array]:
     """Return the coefficients of S in a step of length `h`, from S at its start, and S at its end.
 
-    The state `y` and the rates `forcing` that S does not cause are those at the times of the stages.
+    `y` are the states, and `forcing` the rates that S does not cause, at the times of the stages.
     """
     _, weights, to_powers = radau()
     slopes = np.array([dense(motion.jacobian(tau, y[:, j], true_slopes=True)) for j, tau in enumerate(taus.tolist())])
     blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
     whole = np.eye(y.size) - blocks.reshape(y.size, y.size)
     right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing)
-    # what is NaN in one direction is so in no other
+    # NaN in one direction must not spread to the others
     stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(y.size, -1))
     stage = stage.reshape(right.shape) + 0 * right
     return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
 
 
 def _roughness(c: Array) -> float:
-    """Return the last coefficient of a polynomial of S over what it may be; it is about what is left out."""
+    """Return the last coefficient of a polynomial of S as a multiple of what is allowed: above 1 it is too rough."""
     sizes = np.nan_to_num(np.abs(c))
     return float((sizes[-1] / (_LAST * np.maximum(sizes.max(axis=0), _TINY))).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""The guards of one motion: how they fall along it, how directions move them, and so when the motion ends."""
+"""The guards of one motion: their slopes along it, their changes, and how the time of its end changes."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby
 
-TIE = 1e-6  # derivatives that differ by less than this part of their size are the same
+TIE = 1e-6  # derivatives that differ by less than this part of their size count as equal
 
-# A guard that falls more slowly than this part of what adds up in its slope grazes, unless it has come down like that
-# from where it could be told from 0.
+# A guard grazes 0 if its slope is below this part of the terms that add up in the slope. It does not if it has fallen
+# at about this slope ever since it was last clearly positive.
 _GRAZING = 1e-7
 
-_ABOUT = 0.1  # part of the speed at which a guard left 0 with which it comes back about as fast
-_TOLD = 1e-9  # a guard of this part of its size can be told from 0, also where CVODE has computed it
-_HALVINGS = 40  # the way back to where a guard could be told from 0 is halved so often at most
+_ABOUT = 0.1  # a guard that falls faster than this part of its slope when it left 0 comes back about as fast
+_TOLD = 1e-9  # part of its size above which a guard is clearly positive, even if CVODE has computed it
+_HALVINGS = 40  # how often the time before the end is halved to find where a guard was last clearly positive
 
-# Of flights that accumulate, those slower than this part of the speeds of the whole motion are so short that the
+# Where rebounds accumulate, flights slower than this part of the speeds of the whole motion are so short that the
 # derivative of their duration is roundoff.
 _SHORT = 1e-9
 
-_PARALLEL = 1e-12  # part of its coefficients by which a row differs from a multiple of another one
+_PARALLEL = 1e-12  # part of its coefficients by which a row may differ from a multiple of another one
 _TIE_OF_ENGINES = 1e-13  # guards within this part of their scales come to 0 together for the engines
 
 
@@ -43,21 +43,21 @@ class VariedGuards:
         self.guards = Guards(motion, piece.labels, rest, np.zeros(nearby.system.m, dtype=bool))
 
     def raw(self, own: Motion, taus: Array, states: Array) -> Array:
-        """Return the guards of the motion, or of one near by: a quantity."""
+        """Return the guards of the motion, or of one near by, as a quantity in the sense of `OfMotion`."""
         guards: GuardValues = self.guards
         if own is not self._motion:
             guards = GuardValues(own, self._piece.labels, guards.at_rest, self.guards.in_band)
         return guards.raw(own.watched(taus, states), own.inputs(taus, states))
 
     def label(self, i: int) -> str:
-        """Return what a guard belongs to: a row, or a piecewise-linear function."""
+        """Return the name of the row, or of the piecewise-linear function, that a guard belongs to."""
         if not self.guards.is_border[i]:
             return repr(self._nearby.system.rows[int(self.guards.row[i])].name)
         functions = self._nearby.system.piecewise
         return str(functions.labels[functions.owner[self._border(i)]])
 
     def is_continuous(self, i: int) -> bool:
-        """Tell whether a guard is a border at which the force only has a corner: to touch it changes nothing."""
+        """Tell whether a guard is a border at which the force only has a corner: touching it changes nothing."""
         functions = self._nearby.system.piecewise
         return bool(self.guards.is_border[i]) and not functions.is_stop[functions.owner[self._border(i)]]
 
@@ -66,7 +66,7 @@ class VariedGuards:
         return int(self._motion.equations.borders[np.count_nonzero(self.guards.is_border[:i])])
 
     def sizes(self, path: Path) -> tuple[Array, Array]:
-        """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
+        """Return the sizes of the terms that add up in guards and their slopes; of borders along the whole path."""
         guards, system = self.guards, self._nearby.system
         _, size = guards.at_end(path)
         slopes = guards.majorant[1]
@@ -115,12 +115,12 @@ class VariedGuards:
         falls = self.falls(tau, y)[fired]
         weights = self._of_one_motion(fired)
         if weights is not None and abs(weights @ falls) > _GRAZING * (weights @ slopes[fired]):
-            # near by they share the force otherwise, and let go where all of them together are at their levels
+            # near by their shares of the force differ: they let go where its sum comes to the sum of their levels
             return -(weights @ moved) / (weights @ falls), {}
-        # slopes are those at the start: what has none there and falls later does not graze
+        # `slopes` are sizes at the start of the motion: where one is 0 there, its guard falls later and does not graze
         with np.errstate(divide="ignore", invalid="ignore"):
             steep = np.nan_to_num(np.abs(falls) / slopes[fired], posinf=np.inf)
-        # of guards that fall together, the one that grazes least tells the time
+        # of guards that come to 0 together, the steepest one gives the time
         first = int(np.argmax(steep))
         names = sorted({self.label(int(i)) for i in fired})
         i, fall = int(fired[first]), float(falls[first])
@@ -140,9 +140,9 @@ class VariedGuards:
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
 
     def _of_one_motion(self, fired: Indices) -> Array | None:
-        """Return by how much held contacts count that hold one motion side by side, and come to their levels together.
+        """Return the weights of held contacts that hold one motion side by side and come to their levels together.
 
-        None where guards are others.
+        None if any of the guards is another one.
         """
         guards, system = self.guards, self._nearby.system
         rows = guards.row[fired]
@@ -161,10 +161,10 @@ class VariedGuards:
         return bool(guards.order[i] == 1 and -falls > _ABOUT * guards.first[1, i])
 
     def _comes_down(self, i: int, size: Array, falls: float) -> bool:
-        """Tell whether a guard falls at its end as it did on average since it could be told from 0.
+        """Tell whether a guard falls at the end as it did on average since it was last clearly positive.
 
-        What grazes fell faster before. Where strong springs and dampers balance, a slope far below what adds up in it
-        is a slope nevertheless.
+        A guard that grazes fell faster before. Where strong springs and dampers balance, a slope can be far below the
+        terms that add up in it, and still be more than roundoff.
         """
         path = self._piece.kept_path
         back = path.taus[-1] - path.taus[0]
@@ -178,7 +178,7 @@ class VariedGuards:
         return bool(-falls > 0.5 * mean)
 
     def _with_stops(self, moved: Array, some: Indices, y: Array, S: Array, q: Array) -> Array:
-        """Return derivatives of some guards, those of stops without the roundoff of places."""
+        """Return the derivatives of some guards, those of stops without the roundoff of positions."""
         stops = [k for k, i in enumerate(some) if self.guards.is_border[i] and not self.is_continuous(i)]
         if stops:
             moved[stops] = self._nearby.border_slopes(y, q, S)[[self._border(some[k]) for k in stops]]

@@ -9,7 +9,8 @@ from stickslip.model.arrays import Array
 from stickslip.studies.derivatives.nearby import OfMotion
 from stickslip.studies.derivatives.variations import Variation
 
-# Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved.
+# Steps are halved until that changes an integral by less than the first part of it, plus the second part of the
+# integral of the quantity itself; at most so often.
 _QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
 
 
@@ -44,7 +45,7 @@ def integral(variation: Variation, quantity: OfMotion, times: Array) -> Array:
             finer = _sums(variation, quantity, number, edges)
             off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=(0, 1))
             sums = finer
-            # a line that hardly changes is roundoff of those that do, and of the quantity itself
+            # measured by the largest line: one that hardly changes is roundoff of others, and of the quantity itself
             if not np.any(off > _QUADRATURE * size + rough):
                 break
         sums += total - limits[:, :1] * varied.begin_change

@@ -21,7 +21,7 @@ from stickslip.studies.parameters import Parameter, named_parameters
 
 _OF_ONE = re.compile(r"(records\[\d+\])\.(.*)")  # the name of a parameter of a single record
 _SCREENED = 6  # random points for each start, of which the best are taken
-_EARLY = 0.3  # part of the time that is fitted first: phases of later events cannot be a turn off then
+_EARLY = 0.3  # part of the time that is fitted first: there a phase can hardly be wrong by a whole turn
 _ROUGH, _STEPS = 15, 60  # most steps of a rough search, and of one for the solution
 
 
@@ -119,7 +119,7 @@ def _records(scene: Any, data: Any) -> tuple[list[Scene], list[tuple[Measured, .
 
 
 def _place(label: str) -> str:
-    """Return what a message about a record begins with."""
+    """Return the beginning of a message about a record."""
     return f"fit: {label}" if label else "fit"
 
 
@@ -188,7 +188,7 @@ def _searched(problem: Problem, firsts: list[Array]) -> list[tuple[Array, float]
 def _least(problem: Problem, first: Array, part: float, steps: int, tolerance: float) -> tuple[Array, float] | None:
     """Return where least squares of a part of the data lead, and the cost there; None for a start that fails.
 
-    That is one that cannot be simulated, or beside which nothing can that was tried.
+    A start fails if it cannot be simulated, or if no other values that were tried can.
     """
     from scipy.optimize import least_squares
 
@@ -214,7 +214,7 @@ def _least(problem: Problem, first: Array, part: float, steps: int, tolerance: f
         ftol=tolerance,
         gtol=1e-15,
     )
-    # the first is tried twice
+    # the first two trials are both the start itself
     if len(tried) > 2 and not any(tried[2:]):
         return None
     return found.x, float(found.cost)

@@ -1,4 +1,4 @@
-"""What a fit is: numbers with which a scene moves as measured, how well they are known, and what is left over."""
+"""The result of a fit: values with which a scene moves as measured, how well they are known, and the residuals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _POOR = 0.5  # a standard error larger than this part of a value says that it is
 
 @dataclass(frozen=True)
 class Record:
-    """What was measured in one run, beside what the fitted scene does.
+    """The measurements of one run, beside the motion of the fitted scene.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What was measured: times and values of quantities by name."""
+"""Measurements: times and values of quantities by name."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def measured_in(scene: Scene, data: Any, what: str) -> tuple[Measured, ...]:
 
 
 def _check_name(scene: Scene, name: Any, what: str) -> None:
-    """Refuse the name of what the scene does not have."""
+    """Refuse a name that belongs to no quantity of the scene."""
     ends = {one.name for one in (*scene.bodies, *scene.drives)}
     rows = {row.name for row in scene.rows}
     of, _, quantity = str(name).rpartition(".")
@@ -104,7 +104,7 @@ def _noise(sigma: Any, count: int, label: str) -> Array:
 
 
 def weights_of(measured: list[tuple[Measured, ...]]) -> list[list[Array]]:
-    """Return the weights of all values: of one quantity they are parts of its range over all records."""
+    """Return the weights of all values: 1 / sigma, or without it 1 / the range of the quantity in all records."""
     everything: dict[str, list[Array]] = {}
     for one in chain(*measured):
         everything.setdefault(one.name, []).append(one.values)

@@ -1,4 +1,4 @@
-"""What a fit makes small: the weighted residuals of all records, with their exact derivatives."""
+"""The weighted residuals of all records, which a fit makes small, with their exact derivatives."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from stickslip.studies.fits.measurements import Measured
 from stickslip.studies.parameters import Parameter, with_values
 
 REFUSED = 1e6  # weighted residual where a scene cannot be simulated
-_NOTHING = 1e-150  # derivative that tells nothing: its square is 0
+_NOTHING = 1e-150  # derivatives no larger than this are no effect: their squares are next to 0
 
-# As a part of the range between its bounds: so near to one of them the search leaves a value that ends there.
+# A value nearer to a bound than this part of the range between its bounds is at the bound: the search ends beside it.
 _AT_BOUND = 1e-6
 
 
 class RecordRun:
-    """Weighted residuals of one record and their derivatives; parameters by their places among all."""
+    """Weighted residuals of one record and their derivatives; its parameters by their places among all."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class RecordRun:
         """Why the last values could not be simulated that could not."""
 
     def _at(self, x: Array) -> list[Parameter]:
-        """Return the parameters; a Coulomb coefficient beyond a static one that is not fitted takes it along."""
+        """Return the parameters; a Coulomb coefficient beyond a static one that is not fitted takes this one along."""
         own = {(one.place, one.steps) for one in self._parameters}
         moved = [
             one.with_static(self._scene, value)
@@ -62,7 +62,7 @@ class RecordRun:
         return {k: one.unit(scene) for k, one in zip(self._own, self._parameters, strict=True)}
 
     def record(self, x: Array) -> Record:
-        """Return the record beside the motion with other values."""
+        """Return the record, with the scene at some values and its motion."""
         return Record(self._label, self._scene_at(x), self._result(x, 1.0), self._measured)
 
     def _result(self, x: Array, part: float) -> Result:
@@ -137,7 +137,7 @@ class Problem:
         cost, freedom = 0.5 * float(residuals @ residuals), residuals.size - x.size
         spread = 1.0 if self._has_sigma else 2 * cost / max(freedom, 1)
         effect = np.linalg.norm(slopes, axis=0)
-        # each value in units of its own effect: one that comes out as 0 is known as well as any other
+        # each value is measured by its effect on the residuals, not by its size, which may be 0
         size = 1.0 / np.where(effect > _NOTHING, effect, math.inf)
         _, sizes, lines = np.linalg.svd(slopes * size, full_matrices=False)
         lost = sizes <= 1e-12 * sizes.max(initial=0.0)
@@ -146,7 +146,7 @@ class Problem:
         blind = (np.abs(lines[lost]) > 1e-6).any(axis=0)
         covariance[blind, blind] = np.inf
         if not (freedom or self._has_sigma):
-            # the residuals are 0 whatever the noise
+            # with as many parameters as values the residuals are 0, whatever the noise
             covariance[:] = np.inf
             said = f"{residuals.size} values and as many parameters leave no standard errors; give sigma or more data"
             reasons = ((said,), *reasons)
