@@ -59,7 +59,7 @@ def between_files(found: Counter[Call]) -> Counter[tuple[str, str]]:
 
 
 def way_of_a_guard(run: Callable[[], Any]) -> tuple[set[str], set[str]]:
-    """Return the files and the functions that one value of the smallest guard visits, at most."""
+    """Return the files and the functions that take part in one call of `Guards.smallest`: the longest of all calls."""
     ways: list[Counter[Call]] = []
     original = Guards.smallest
 

@@ -48,7 +48,7 @@ SETTLED = (0.0, 1.0)  # the part of the benchmark in which anything happens
 LEVELS = (1e-2, 3e-3, 1e-3)
 _GRID, _WIDTH = 1.12, 72
 
-Line = tuple[str, str]  # what is measured, and the value
+Line = tuple[str, str]  # the quantity that is measured, and its value
 
 
 def _virtually_identical(repeats: int) -> Iterator[Line]:

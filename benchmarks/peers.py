@@ -127,7 +127,7 @@ class Phase:
         return self.modes[contact]
 
 
-# what a solver does with a phase: the time and state at its end, the guard that ended it (or None), the
+# what a solver returns for a phase: the time and state at its end, the guard that ended it (or None), the
 # velocities at the outputs in [t0, t), steps and rate calls
 Ended = tuple[float, list[float], int | None, Array, int, int]
 Segment = Callable[[Phase, Array], Ended]
@@ -198,7 +198,7 @@ def sundae(method: str, rtol: float, *, at_outputs: bool) -> Answer:
         else:
             slopes = np.stack([a1 + s1 * (t - t0), a2 + s2 * (t - t0)], axis=1)
             at = hermite(t, y, slopes[:-1], slopes[1:], wanted)
-        steps = 0 if at_outputs else len(t) - 1  # its own are not told
+        steps = 0 if at_outputs else len(t) - 1  # the number of its own steps is not known
         return float(t[-1]), y[-1].tolist(), guard, at, steps, found.nfev
 
     return march(segment)
@@ -353,7 +353,7 @@ TARGETS = {
 
 @dataclass(frozen=True)
 class Row:
-    """A script at the loosest tolerance that is right to what is allowed."""
+    """A script at the loosest tolerance at which its errors are within `ALLOWED`."""
 
     name: str
     rtol: float
@@ -387,7 +387,7 @@ SCENE = flywheel_benchmark()
 
 
 def ours(scene: Scene = SCENE) -> Answer:
-    """The same with `simulate`, as it comes."""
+    """Return the answer of `simulate` with its defaults."""
     result = simulate(scene, BENCHMARK_SPAN, t_eval=OUTPUTS)
     contacts = {"interface": INTERFACE, "brake": BRAKE}
     events = [(e.t, contacts[e.contact], int(e.after)) for e in result.events]
@@ -396,7 +396,7 @@ def ours(scene: Scene = SCENE) -> Answer:
 
 
 def loosest(script: Callable[[float], Answer], exact: Exact) -> float:
-    """Return the loosest tolerance at which a script is right to what is allowed."""
+    """Return the loosest tolerance at which the errors of a script are within `ALLOWED`."""
     for rtol in TOLERANCES:
         if max(exact.errors(script(rtol))) <= ALLOWED:
             return rtol

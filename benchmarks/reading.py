@@ -85,7 +85,7 @@ def read_everything(result: Result) -> None:
 
 
 def cpu(run: Callable[[], Any]) -> tuple[Any, float]:
-    """Return what a function returns, and the CPU time in s that it took."""
+    """Return the result of a function, and the CPU time in s that it took."""
     start = time.process_time()
     found = run()
     return found, time.process_time() - start
@@ -117,7 +117,7 @@ def main() -> None:
         f"{'scene':10}{'bodies':>7}{'span':>7}{'events':>8}{'times':>8}"
         f"{'first':>10}{'again':>10}{'read':>9}{'ratios':>14}{'plot':>8}"
     )
-    simulate(fault(4), (0.0, 1.0))  # loads what is loaded once
+    simulate(fault(4), (0.0, 1.0))  # load all that is loaded once only
     for name, (_, stop) in SCENES.items():
         for count in SIZES:
             for span in sorted({stop, LONGER.get((name, count), stop)}):

@@ -150,10 +150,10 @@ def _spring(row: Mapping[str, Any]) -> Spring | Damper:
 
 @dataclass(frozen=True)
 class Truth:
-    """What an oracle finds of a scene: up to `stop`, at times `t`; `doubt` says why that is not the whole scene."""
+    """The answer of an oracle: up to `stop`, at times `t`; `doubt` says why that is not the whole motion."""
 
     stop: float  # in s
-    events: list[Event]  # before that
+    events: list[Event]  # before `stop`
     t: Array  # times in s away from events and breaks of loads
     velocities: dict[str, Array]  # of bodies, at these times
     forces: dict[str, Array]  # of rows; nan where one is not unique
@@ -162,7 +162,7 @@ class Truth:
 
 @cache
 def truth(family: str, number: int) -> Truth:
-    """Return what is compared of an oracle's answer: where there is doubt, up to shortly before that."""
+    """Return the part of an oracle's answer that is compared: if there is a doubt, up to shortly before it."""
     data = FAMILIES[family][0](number)
     found: oracle.Solution | machine_oracle.Solution
     if "rows" in data:
@@ -190,7 +190,7 @@ def truth(family: str, number: int) -> Truth:
     )
 
 
-# How runs are held against them
+# How runs are compared with them
 
 
 def difference(family: str, group: str, number: int) -> float:
@@ -233,7 +233,7 @@ def _compare_forces(right: Truth, result: Result, bound: float, least: float) ->
     largest = float(np.nanmax(np.abs(list(right.forces.values())), initial=least))
     for name, wanted in right.forces.items():
         found = result.force(name)
-        # not a number is wrong, too, but where none is wanted
+        # a force of NaN is wrong, too, unless the oracle's is NaN
         wrong = ~(np.abs(found - wanted) <= bound * largest) & ~np.isnan(wanted)
         for k in wrong.nonzero()[0].tolist():
             raise Wrong(f"{name}: force {found[k]:.9g} instead of {wanted[k]:.9g} at t = {right.t[k]:.6g} s")

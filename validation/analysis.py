@@ -1,4 +1,4 @@
-"""Rows over the analysis of motions: derivatives, limit cycles and their branches, against what owes them nothing."""
+"""Rows over the analysis of motions: derivatives, limit cycles and their branches, against independent answers."""
 
 from __future__ import annotations
 
@@ -48,20 +48,20 @@ from validation.tried import try_each
 SEED, STOP = 16000, 1.0
 _RECORDS = 100  # records with noise that are fitted
 
-# Steps of differences as parts of a parameter: long ones bend, short ones are rough. They end with a shorter one that
-# is no better.
+# Steps of differences as parts of a parameter, in the order in which they are tried: long ones have truncation errors,
+# short ones roundoff. No more are tried after a shorter one that is no better.
 _STEPS = (1e-3, 1e-2, 1e-4, 1e-5, 1e-6)
 
+# Weights of differences of eighth and sixth order, four runs to each side.
 _EIGHTH = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 
-# Weights of differences of eighth and sixth order, four runs to each side.
 _SIXTH = np.array([0, -1 / 60, 3 / 20, -3 / 4, 0, 3 / 4, -3 / 20, 1 / 60, 0])
 
 _TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
 _ROUGHER: dict[str, Any] = {"rtol": 1e-11, "atol": 1e-13}
 
-# Part of its size to which a difference has to be certain to tell a derivative; where it is not, how many times its
-# uncertainty it may be off.
+# A difference is settled if its uncertainty is below this part of the size of all; then it is compared with the
+# derivative. From one that is not settled a derivative may be off by so many times its uncertainty.
 _SETTLED, _DOUBT = 1e-7, 10.0
 
 analysis_row = partial(Row, "Analysis", limit=600.0)
@@ -95,7 +95,7 @@ def scene_of(number: int) -> Scene:
 
 
 def _names(scene: Scene) -> list[str]:
-    """Return parameters of a scene of many kinds."""
+    """Return the names of parameters of a scene, of many kinds."""
     found = [f"{body.name}.{field}" for body in scene.bodies for field in ("inertia", "velocity", "position")]
     for contact in scene.contacts:
         law = contact.law
@@ -122,7 +122,7 @@ def _all_of(found: Sensitivities) -> Array:
 
 
 def _all_in(result: Result) -> tuple[list[tuple[Any, ...]], Array]:
-    """Return what happened, and the quantities whose derivatives are compared."""
+    """Return the events, and the quantities whose derivatives are compared."""
     scene, heat = result.scene, result.energy().contacts
     parts = [event.t for event in result.events] + [result.velocity(body.name)[-1] for body in scene.bodies]
     parts += [result.position(body.name)[-1] for body in scene.bodies]
@@ -131,9 +131,10 @@ def _all_in(result: Result) -> tuple[list[tuple[Any, ...]], Array]:
 
 
 def _difference(scene: Scene, one: Parameter, h: float, said: list[Any], own: Array) -> tuple[Array, Array] | None:
-    """Return differences between exact runs and how uncertain they are; None where other things happen in one of them.
+    """Return differences between exact runs and how uncertain they are; None if a run fails or has other events.
 
-    What runs are off adds up in differences of high order, as what bends does (More and Wild 2011); so they tell both.
+    Differences of high order contain both the errors of the runs and those of too long a step, so they measure both
+    (More and Wild 2011).
     """
     values = [own] * _EIGHTH.size
     for k in (0, 8, 1, 7, 2, 6, 3, 5):
@@ -153,9 +154,10 @@ def _difference(scene: Scene, one: Parameter, h: float, said: list[Any], own: Ar
 
 
 def _errors(scene: Scene, said: list[Any], own: Array) -> Array:
-    """Return about what a run is off in each quantity: a tenth of what one of ten times its tolerances differs.
+    """Return about the error of a run in each quantity: a tenth of its difference from one of ten times its tolerances.
 
-    Slow impacts take the errors of places for long times, in runs near by alike: differences do not tell these.
+    At a slow impact a small error of a position is a large error of the time. Runs near by have it alike, so that
+    differences between them do not show it.
     """
     others, values = _all_in(simulate(scene, (0.0, STOP), **_ROUGHER))
     count = next((k for k, (a, b) in enumerate(zip(said, others, strict=False)) if a != b), len(said))
@@ -182,7 +184,7 @@ def _differences(
             break
         better = doubt < uncertain
         slopes[better], uncertain[better] = told[0][better], doubt[better]
-        # what changes the motion by less than 1e-4 of itself has the roundoff of the motion
+        # if a parameter hardly changes the motion, derivatives have the roundoff of the motion: its size sets the scale
         scale = max(float(np.abs(slopes).max()), 1e-4 * float(np.abs(own).max()) / size)
         settled = uncertain <= _SETTLED * scale
         if settled[asked].all():
@@ -206,7 +208,7 @@ def _of_scene(number: int, counts: dict[str, int]) -> float:
     if not named:
         return 0.0
     try:
-        # as tight as the runs near by: it is as accurate as its own run
+        # with the tolerances of the runs near by: derivatives are as accurate as the run they belong to
         found = sensitivities(scene, (0.0, STOP), [one.name for one in named], **_TIGHT)
     except SimulationError:
         # other rows are about scenes that cannot be simulated
@@ -396,7 +398,7 @@ def _pulled(static: float, coulomb: float, dwell: float, velocity: float) -> Sce
 
 
 def _fits(count: int) -> tuple[float, str]:
-    """Return the part of some records, each with a noise of its own, of which a true value is not within 3 errors."""
+    """Return the part of records, each with its own noise, whose fit is off a true value by more than 3 errors."""
     true, noise, t = np.array([0.6, 0.3, 1.0, 0.2]), 0.01, np.linspace(0.05, 9.0, 200)
     clean = simulate(_pulled(*true), (0.0, t[-1]), t_eval=t).velocity("block")
     names = [f"floor.law.{one}" for one in ("mu_static", "kinetic.coulomb", "dwell", "kinetic.velocity")]

@@ -1,9 +1,8 @@
 """Values between computed points, for random laws, stiffnesses, tolerances, methods and times.
 
-What a tolerance promises holds at every time, not only where a solver has stopped. Two kinds of answers tell: closed
-forms, against which the error between the points is compared with that at the points; and, where there is none, very
-tight integrations that start from the package's own computed point before the time asked for, so that nothing but
-what is read off is judged.
+Tolerances must hold at every time, not only at the computed points. There are two kinds of right answers. With a closed
+form, the error between the points is compared with that at the points. Without one, a very tight integration starts
+from the package's own computed point before the time asked for, so that nothing but the interpolation is judged.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from validation.tried import try_each
 
 RUNS, TIMES = 30, 50  # runs of each family, and times asked for in a run
 PATIENCE = 60.0
-LARGEST = 3.0  # largest error that passes, as a multiple of what the tolerances promise
+LARGEST = 3.0  # largest error that passes, as a multiple of that which the tolerances allow
 _METHODS = (("contact-force", "BDF"), ("contact-force", "Adams"), ("merged", "BDF"), ("multiplier", "BDF"))
 
 
@@ -38,7 +37,7 @@ def _options(random: Any, tightest: float = -11.0) -> dict[str, Any]:
 
 
 def _times(random: Any, shortest: float, stop: float) -> Array:
-    """Half of them evenly, half over all decades."""
+    """Return random times: half of them uniform, half uniform in their logarithms."""
     even = random.uniform(0.0, stop, TIMES // 2)
     return np.unique(np.append(even, stop * (shortest / stop) ** random.uniform(0.0, 1.0, TIMES - TIMES // 2)))
 
@@ -161,7 +160,7 @@ def kinetic_curve(random: Any) -> float:
     require(sign == {-1}, f"the block slips in modes {sign}")
 
     def rate(t: float, y: Array) -> Array:
-        # beyond rest the curve goes on as the package has it, by the speed
+        # beyond rest the curve depends on the speed, as in the package
         return np.array([y[1], -y[0] + mu(abs(y[1] - speed))])
 
     return _from_own_points(r, t, rate, "DOP853") / (10.0 * options["rtol"])
@@ -176,7 +175,7 @@ FAMILIES: dict[str, Callable[[Any], float]] = {
 
 
 def measure(family: str, number: int) -> float:
-    """Return the error of one random run, as a multiple of what the tolerances promise."""
+    """Return the error of one random run, as a multiple of that which the tolerances allow."""
     return FAMILIES[family](np.random.default_rng([number, len(family)]))
 
 
@@ -186,7 +185,7 @@ def runs(family: str, count: int) -> Tried:
 
 
 def rows(count: int) -> list[Row]:
-    """Return a row for each family, with so many runs."""
+    """Return a row for each family, with `count` runs."""
     return [
         Row(
             "Between computed points",

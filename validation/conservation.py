@@ -1,6 +1,6 @@
-"""Rows on what no motion may violate: momentum, energy, heat, and the limit of friction.
+"""Rows on laws that no motion may violate: momentum, energy, heat, and the limit of friction.
 
-Everything is summed up here from velocities, positions and forces at given times; `EnergyLedger` is not asked.
+Everything is summed up here from velocities, positions and forces at given times; `EnergyLedger` is not used.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 @dataclass(frozen=True)
 class Motion:
-    """A simulated motion at edges in time, `is_edge`, and at five Gauss points in each gap."""
+    """A simulated motion at edges in time, `is_edge`, and at five Gauss points between neighbouring edges."""
 
     scene: Scene
     start: float
@@ -95,7 +95,7 @@ def _stretch(result: Result, spring: Spring) -> Array:
 
 
 def _forces(result: Result) -> list[tuple[str, Array]]:
-    """Return every force on anything, with what it acts on: contacts, springs, dampers, loads."""
+    """Return every force, with the name of the body it acts on: of contacts, springs, dampers, loads."""
     found = []
     for c in result.scene.contacts:
         r = result.force(c.name)
@@ -112,7 +112,7 @@ def _forces(result: Result) -> list[tuple[str, Array]]:
 
 
 def momentum_error(m: Motion) -> float:
-    """What momentum bodies gain less the impulse on each, over the larger of momentum and all impulses from outside."""
+    """Momentum that each body gains less the impulse on it, over the larger of all momentum and all impulses."""
     zero = np.zeros_like(m.at.t)
     momentum = {body.name: body.inertia * m.at.velocity(body.name) for body in m.scene.bodies}
     impulse = dict.fromkeys(momentum, zero)
@@ -120,7 +120,7 @@ def momentum_error(m: Motion) -> float:
         if name in impulse:
             impulse[name] = impulse[name] + force
     gained = [m.edges(p - p[0]) - m.integral(impulse[name]) for name, p in momentum.items()]
-    # forces between free bodies cancel one by one; what is left comes from drives, the ground and loads
+    # the sizes of all forces on bodies, those between bodies too
     given = m.integral(sum((np.abs(f) for name, f in _forces(m.at) if name in momentum), zero))
     scale = max(float(np.max(sum(map(np.abs, momentum.values())))), float(given[-1])) or 1.0
     return float(np.abs(gained).max()) / scale
@@ -182,7 +182,7 @@ def law_error(m: Motion) -> float:
         off = largest = 0.0
         for side in (1, -1):
             static, kinetic = law.mu_s(side), law.mu_k(0.0, side)
-            # it rises from what the contact feels as it comes to rest
+            # the level rises from the kinetic friction that the contact has as it comes to rest
             risen = static - (static - kinetic) * np.exp(-(t - since) / law.dwell) if law.dwell else static
             beyond = (side * r - risen * normal)[mode == 0]
             wrong = (r - side * _slipping(law, side, w) * normal)[mode == side]
@@ -264,7 +264,7 @@ def over_all(measure: Callable[[Motion], float], formulation: str) -> Answer:
     return errors[name], f"{len(errors)} cases, worst: {name}"
 
 
-# What is measured, in words, where the right answer comes from, and the largest error at tight tolerances.
+# The measure, its description, the source of the right answer, and the largest error at tight tolerances.
 LAWS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
     "momentum": (
         momentum_error,

@@ -27,7 +27,7 @@ from validation.rows import Answer, Array, Row, require
 
 BELT, STIFFNESS, NORMAL, LAW = 0.2, 10.0, 10.0, DryFriction(0.35, 0.2)
 
-# What each method takes at the default tolerances; from it follows how long a run of so many steps is.
+# Steps of each method at the default tolerances; they say how many periods a run of a given number of steps takes.
 STEPS_PER_PERIOD = {"BDF": 161, "series": 7}
 
 _LOOKS = 200
@@ -54,21 +54,21 @@ PERIOD = float(CYCLE.slip_time + CYCLE.stick_time)
 
 @dataclass(frozen=True)
 class Run:
-    """What was measured: times of the events in s, steps, and looks (events, CPU time in s, memory in bytes)."""
+    """Measurements: times of the events in s, steps, and `looks` at (events so far, CPU time in s, memory in bytes)."""
 
     events: Array
     steps: int
     looks: Array
 
     def per_event(self, column: int) -> Array:
-        """Return what an event cost in each tenth, in s (1) or bytes (2)."""
+        """Return the cost of an event in each tenth of the run: CPU time in s (column 1) or memory in bytes (2)."""
         tenths = np.linspace(0, len(self.looks) - 1, 11).astype(int)
         spent = np.diff(self.looks[tenths], axis=0)
         return np.asarray(spent[:, column] / spent[:, 0])
 
 
 def memory() -> int:
-    """Return the memory in bytes that this process has, C included; the most it has had where no system tells that."""
+    """Return the memory of this process in bytes, that of C libraries included; its maximum so far without /proc."""
     if _STATM.exists():
         return int(_STATM.read_text().split()[1]) * resource.getpagesize()
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
@@ -76,7 +76,7 @@ def memory() -> int:
 
 @contextlib.contextmanager
 def _watched(every: int) -> Iterator[list[tuple[float, ...]]]:
-    """Look at time and memory after every so many segments."""
+    """Look at events, time and memory after `every` segments."""
     looks: list[tuple[float, ...]] = []
     keep, calls = Recorder.keep, 0
 
@@ -93,7 +93,7 @@ def _watched(every: int) -> Iterator[list[tuple[float, ...]]]:
 
 @cache
 def run(method: MethodName, steps: int) -> Run:
-    """Simulate a limit cycle of about so many steps, of which nothing but its events is kept."""
+    """Simulate a limit cycle for about `steps` steps; nothing but its events is kept."""
     periods = steps // STEPS_PER_PERIOD[method]
     stop = FIRST + periods * PERIOD
     with _watched(max(2 * periods // _LOOKS, 1)) as looks:
@@ -114,7 +114,7 @@ def punctual(method: MethodName, steps: int) -> Answer:
 
 def time_growth(method: MethodName, steps: int) -> Answer:
     """Return the least CPU time of an event in a tenth of the second half over that of the first, less 1."""
-    # what else the machine does may slow any tenth down, but hardly five
+    # other work of the machine may slow any tenth down, but hardly all five of a half
     first, second = run(method, steps).per_event(1).reshape(2, 5).min(axis=1).tolist()
     remark = (
         f"{1e6 * first:.0f} us per event in the fastest tenth of the first half, {1e6 * second:.0f} us of the second"

@@ -1,4 +1,4 @@
-"""Rows that hold the engines against each other, and against exact arithmetic where motions graze."""
+"""Rows that compare the engines with each other, and with exact arithmetic where motions graze."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from validation.tried import try_each
 
 GRAZES, QUICK_GRAZES, INTEGRATED = 1000, 60, 30
 TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
-BOUND = 1e-8  # ten thousand times rtol: what single steps leave adds up along a run, and events pass it on
+BOUND = 1e-8  # ten thousand times rtol: errors of single steps add up along a run, also through events
 
 # A law whose lower level is out of reach.
 UPPER = DryFriction(0.5, 0.4, mu_static_backward=2.0, mu_coulomb_backward=0.4)
 
-CLOSEST, NEAREST = 1e-12, 1e-9  # how near to touching the grazes are, as parts of what is touched
+CLOSEST, NEAREST = 1e-12, 1e-9  # how near to touching the grazes are, as parts of the level or velocity
 PATIENCE = 120.0
 SEED = 31
 
@@ -134,7 +134,7 @@ def _graze(method: MethodName, kind: str, number: int) -> float:
     found = changes(simulate(scene, (0.0, stop), method=method, **TIGHT))
     if (first is None) != (not found):
         raise Wrong(f"excess {excess:.3g}: first event {found[:1]}, in exact arithmetic {first}")
-    # the slope with which a level is passed is the root of the excess: so much less sharp is the time
+    # a level is passed with a slope proportional to the root of the excess: the smaller it is, the less sharp the time
     return 0.0 if first is None else abs(found[0][0] - first) / stop * abs(excess) ** 0.5
 
 
@@ -145,7 +145,7 @@ def _grazes(method: MethodName, count: int) -> Tried:
 
 
 def rows(scenes: int, quick: bool = False) -> list[Row]:
-    """Return the rows over so many random scenes."""
+    """Return the rows: `scenes` random scenes, and grazes, fewer of these if `quick`."""
     row, count = partial(Row, "Engines against each other"), QUICK_GRAZES if quick else GRAZES
     return [
         *(

@@ -110,7 +110,7 @@ def _check(machine: Machine, v: Array, after: Array, at: dict[int, int]) -> None
     if all(v[i] == 0 for i in machine.driven):
         energies = [0.5 * float((machine.mass * x**2).sum()) for x in (v, after)]
         require(energies[1] <= energies[0] * (1 + SAME), "energy is made")
-    # momentum changes only by impulses of the rows: what no row takes notice of stays
+    # momentum changes only by impulses of the rows: its part that no row can change stays
     G = np.vstack([machine.G, machine.C])[:, machine.free]
     change = (machine.mass * (after - v))[machine.free]
     left = change - G.T @ np.linalg.lstsq(G.T, change, rcond=1e-10)[0]

@@ -26,12 +26,13 @@ class Modes:
 
     slips: Mapping[int, int]  # +1 or -1 of contacts
     held: tuple[int, ...]  # stuck contacts, locked clutches, closed stops
-    presses: Mapping[int, tuple[int, str]]  # of gaps: +1 or -1 for the limit, and what acts: "twice", "both" or "none"
+    # of gaps: +1 or -1 for the limit, and the force: "twice" the spring's, "both" spring's and damper's, or "none"
+    presses: Mapping[int, tuple[int, str]]
     sides: Mapping[int, int]  # of closed stops: +1 or -1
 
 
 class Machine:
-    """A scene as matrices. Velocities of all bodies are ``v = Z q + P u``: u of the drives, q what ties leave free.
+    """A scene as matrices: velocities ``v = Z q + P u``, u those of the drives, q the coordinates that ties leave free.
 
     Its data are `bodies` (a drive has the inertia None and a load for its velocity), `rows` (`kind`, `name`, `on`:
     coefficients by body, and the numbers of its law), `springs` (`on`, `k`, `c`, `rest`), `forces`, `t_end`.
@@ -73,7 +74,7 @@ class Machine:
         self._start()
 
     def _free_coordinates(self) -> None:
-        """What ties leave free."""
+        """Find the coordinates that ties leave free."""
         own, led = self.C[:, self.free], self.C[:, self.driven]
         basis = null_space(own, rcond=RANK) if len(self.ties) else np.eye(len(self.free))
         self.Z = np.zeros((self.n, basis.shape[1]))
@@ -149,9 +150,9 @@ class Machine:
         """Return q after an impact, or after a jump of drives to the velocities `u`.
 
         Newton's law for all one-sided rows that take part, by trying all sets of rows that carry an impulse: ``0 <= P``
-        complementary to ``sep+ + e sep- >= 0``. Rows that part do not take part; a clutch or stop that this drives
-        against its limit does in a second impact. `v` are all velocities before, `at` is +1 or -1 of stops at a
-        limit, by number, and `hit` are those among them that are hit.
+        complementary to ``sep+ + e sep- >= 0``. Rows that already part do not take part; if the impact drives such a
+        clutch or stop against its limit, a second impact follows. `v` are all velocities before, `at` is +1 or -1 of
+        stops at a limit, by number, and `hit` are those among them that are hit.
         """
         size = max(1e-12, float(np.abs(v).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
         before = self.G @ v
@@ -200,7 +201,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Guard:
-    """What stays positive while the modes hold: ``k y + sum over contacts of part mu(t) N``, and whose it is."""
+    """``k y + sum over contacts of part mu(t) N``, which is positive while the modes hold, and the rows it watches."""
 
     rows: tuple[int, ...]
     k: Array
@@ -208,9 +209,9 @@ class Guard:
 
 
 class Motion:
-    """A piece of motion in given modes: ``y' = A y`` of positions, free velocities, and what the loads are made of.
+    """A piece of motion in given modes: ``y' = A y``, with y positions, free velocities, and the states of loads.
 
-    It begins at the time `start` in s in the state `x`, `q`; `since` then are contacts stuck.
+    It begins at the time `start` in s in the state `x`, `q`. Contacts have been stuck `since` these times.
     """
 
     def __init__(
@@ -271,7 +272,7 @@ class Motion:
         self._once: Array | None = None
 
     def _of_loads(self) -> tuple[Array, Array]:
-        """Return the rates and the first values of what loads are made of: 1, tau, sines and cosines."""
+        """Return the rates and the first values of the states of loads: 1, tau, sines and cosines."""
         size, one = self.machine.size, self._one
         own, first = np.zeros((size, size)), np.zeros(size)
         own[one + 1, one] = first[one] = 1.0
@@ -336,7 +337,7 @@ class Motion:
         return found
 
     def _cut(self, held: Sequence[int], cut: Array) -> Guard | None:
-        """Return what a cut can carry in a direction less what it has to, None where it can carry anything."""
+        """Return the guard of a cut in a direction: what it can carry less what it has to; None if it can carry all."""
         m = self.machine
         levels: list[tuple[int, int, float]] = []
         rows = tuple(j for j, part in zip(held, cut, strict=True) if part)
@@ -350,7 +351,7 @@ class Motion:
         return Guard(rows, -cut @ self.need, tuple(levels))
 
     def capacity(self, guard: Guard, tau: float, y: Array) -> float:
-        """Return what the contacts of a cut can carry."""
+        """Return the force that the contacts of a cut can carry."""
         t = self.start + tau
         return sum(
             part * self.machine.level(j, sign, t - self.since[j]) * max(0.0, float(self.normal[j] @ y))
@@ -415,7 +416,7 @@ class Motion:
         accelerations = (self.A @ (self.A @ y))[: m.n]
         left = (self.force @ y - m.mass * accelerations)[m.free]
         shares = np.linalg.lstsq(rows.T, left, rcond=RANK)[0]
-        idle = null_space(rows.T, rcond=RANK) if held else np.zeros((0, 0))  # what moves nothing may be any
+        idle = null_space(rows.T, rcond=RANK) if held else np.zeros((0, 0))  # combinations of forces that move nothing
         for k, name in enumerate(held):
             unique = not idle.size or np.abs(idle[k]).max() < 1e-9
             found[name] = float(shares[k]) if unique else math.nan
@@ -423,7 +424,7 @@ class Motion:
 
 
 def cuts(H: Array) -> list[Array]:
-    """Return for each motion that as few rows as possible hold how it takes part in them: vectors of least support."""
+    """Return the cuts: relative velocities `H` q of held rows that are not 0 in as few rows as possible."""
     count = len(H)
     if not count:
         return []

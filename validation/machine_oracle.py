@@ -3,10 +3,10 @@
 It shares no line with the package, nor its equations. Ties are solved once by an orthonormal basis of the velocities
 that they leave (a null space): all else happens in these coordinates. Loads are lines and sines, so the motion in a set
 of modes is a matrix exponential of positions, velocities and the loads' own states. One-sided rows (clutches, closed
-stops, impacts) are linear complementarity problems, solved by trying every set of active rows. Held rows let go where
-a cut of them is overloaded: where some motion is held by rows that together carry less than they would have to. Modes
-that are in doubt at an instant are tried, and followed for a moment: those are right whose laws then hold. Where that
-leaves more than one answer, or none, the oracle says so and stops.
+stops, impacts) are linear complementarity problems, solved by trying every set of active rows. A cut is a smallest set
+of held rows that hold one motion. Held rows let go where a cut is overloaded: where it has to carry more than its rows
+can together. Modes that are in doubt at an instant are tried, and followed for a moment: those are right whose laws
+then hold. Where that leaves more than one answer, or none, the oracle says so and stops.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ from validation.oracle_system import Doubt
 
 OPEN = 2  # mode of a gap or stop between its limits
 
-# Parts of the largest speed below which a row is at rest; where it is what ended the motion before, the second.
+# Parts of the largest speed below which a row is at rest; the second is for rows that ended the motion before.
 REST, REACHED = 1e-10, 1e-6
-AT_LEVEL, NEAR_TIE, TIE = 1e-7, 1e-5, 1e-9  # how near loads over levels are to 1 or to each other
+# A load is the force that a cut has to carry over its capacity. A cut is at its level where its load differs from 1 by
+# less than the first; loads that differ by less than the second are a near tie, by less than the third a tie.
+AT_LEVEL, NEAR_TIE, TIE = 1e-7, 1e-5, 1e-9
 
-# Parts of the span within which a row that changes twice grazes, and a stop that is hit twice comes to rest.
+# Parts of the span: a row that changes twice within the first grazes, a stop hit twice within the second comes to rest.
 GRAZE, BOUNCE = 1e-6, 1e-5
 MOST_EVENTS, MOST_STALLS, MOST_ROWS = 2000, 20, 9
 
 
 @dataclass
 class Solution:
-    """What was found: right up to the time `known`, which is the end unless `doubt` says why not."""
+    """The motion found. It is right up to the time `known`: the end, or earlier for the reason in `doubt`."""
 
     system: Machine
     known: float
@@ -86,7 +88,7 @@ class _Run:
         self.reached: set[int] = set()
         self._closed: dict[int, int] = {}
         self._changed: dict[int, float] = {}
-        # what forces can reach: roundoff of it is rest even where nothing has moved
+        # a speed that forces can cause: a row slower than roundoff of it is at rest, even if nothing has moved yet
         largest = max([1e-9, *(load.size for _, load in machine.forces)])
         self._speed = 1e-5 * largest * float(np.abs(machine.inverse).max()) * machine.stop
         self._at_break = True
@@ -157,7 +159,7 @@ class _Run:
     # Settling
 
     def _settled(self) -> Motion:
-        """Return the motion that goes on: of all modes that may be, those whose laws hold for a moment."""
+        """Return the motion from now on: that in those of all candidate modes whose laws hold for a moment."""
         m = self.machine
         v = m.velocity(self.q, self.u)
         self._speed = max(self._speed, float(np.abs(v).max(initial=0.0)))
@@ -170,7 +172,7 @@ class _Run:
                 rest.append(j)
             if kind == "stop" and j in self.at and (slow or self.at[j] * w[j] > 0):
                 rest.append(j)
-        # what contacts and clutches at rest lock is at rest, too
+        # make the velocities of rows at rest exactly 0, and so those of rows that these lock
         self.q = m.joined(self.q, self.u, rest)
         self._since = {j: self._since.get(j, self.t) for j in rest if m.kinds[j] == "contact"}
         if not self._labels:
@@ -192,14 +194,14 @@ class _Run:
             raise Doubt(self.t, "no modes whose laws hold")
         if any(np.abs(other.A - found[0].A).max() > 1e-6 * np.abs(found[0].A).max() for other in found):
             raise Doubt(self.t, "more than one answer")
-        # rows at rest that neither push nor part count as held
+        # of equal motions that with most held rows: rows at rest that neither push nor part count as held
         return max(found, key=lambda motion: len(motion.modes.held))
 
     def since_of(self, modes: Modes) -> dict[int, float]:
         return {j: self._since[j] for j in modes.held if self.machine.kinds[j] == "contact"}
 
     def _presses(self) -> list[dict[int, tuple[int, str]]]:
-        """Return what gaps may do: those at a border one or the other."""
+        """Return the regions that the gaps may be in, in all combinations; a gap at a border may be on either side."""
         m = self.machine
         v = m.velocity(self.q, self.u)
         choices: list[list[tuple[int, tuple[int, str] | None]]] = []
@@ -264,7 +266,7 @@ class _Run:
         return np.asarray(np.maximum(found, 1e-9))
 
     def _zeros(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the guards now, and what is 0 for each."""
+        """Return the guards now, and below which size each of them is 0."""
         now = motion.values(0.0, motion.y0)
         zero = 1e-9 * self._scales(motion)
         for i, guard in enumerate(motion.guards):
@@ -307,7 +309,7 @@ class _Run:
     # Moving
 
     def _first(self, motion: Motion, length: float) -> tuple[float, set[int]]:
-        """Return when the first guard comes to 0 and whose it is; the length, and nothing, where none does."""
+        """Return when the first guard comes to 0, and its rows; `length` and no rows if none does."""
         if not motion.guards:
             return length, set()
         now, zero = self._zeros(motion)
@@ -373,7 +375,7 @@ class _Run:
 
 
 class _Trial:
-    """Rule 3 of the model, given what gaps do; whatever is in doubt is tried both ways."""
+    """Rule 3 of the model, with given regions of the gaps; rows in doubt are tried both ways."""
 
     def __init__(
         self,
@@ -390,7 +392,7 @@ class _Trial:
             raise Doubt(run.t, "too many rows at rest")
 
     def candidates(self) -> list[Modes]:
-        """Return the modes that may be right: first those where all that is at its level lets go."""
+        """Return the modes that may be right: first those in which all cuts at their level let go."""
         return [modes for eager in (True, False) for modes in self._settle(eager, {}, frozenset())]
 
     def _motion(self, slips: Mapping[int, int], sided: Sequence[int]) -> Motion:
@@ -454,7 +456,7 @@ class _Trial:
         return found
 
     def _complementary(self, slips: Mapping[int, int]) -> Motion:
-        """Return the motion in which clutches and stops at rest push or part, with what else is held."""
+        """Return the motion in which each clutch or stop at rest either pushes or parts, beside the other held rows."""
         for count in range(len(self._sided) + 1):
             for active in combinations(self._sided, count):
                 motion = self._motion(slips, active)
@@ -468,7 +470,7 @@ class _Trial:
                 pulls = any(self._turn(j, side) * forces[j] < -enough for j in active)
                 passes = any(self._turn(j, side) * accelerations[j] > least for j in self._sided)
                 if not pulls and not passes:
-                    # what is neither pushed nor leaves stays with it
+                    # clutches and stops that neither push nor part are held, too
                     also = [j for j in self._sided if abs(accelerations[j]) <= least]
                     return self._motion(slips, also)
         raise Doubt(self._run.t, "no set of clutches and stops that can be held")
@@ -477,7 +479,7 @@ class _Trial:
         return side[j] if self._m.kinds[j] == "stop" else 1
 
     def _over(self, motion: Motion, eager: bool) -> list[dict[int, int]]:
-        """Return the contacts of the cuts loaded most beyond their level; where rows share loads, of each cut alone."""
+        """Return sets of contacts that may let go: of the most overloaded cuts, and of each if rows share loads."""
         loads: dict[int, float] = {}
         scale = 1e-10 * max(float((np.abs(motion.force) @ motion.size).max(initial=0.0)), 1e-9)
         for i, guard in enumerate(motion.guards):
@@ -500,7 +502,7 @@ class _Trial:
         first = [i for i, load in beyond.items() if load >= largest * (1 - TIE)]
         sets = [first]
         if shares and len(beyond) > 1:
-            # the model's order is one of single rows: here each is tried, and the motion tells
+            # the model gives an order of single rows only: each cut is tried, and `_holds` decides
             sets += [[i] for i in beyond if [i] != first]
         elif any(largest * (1 - NEAR_TIE) < x < largest * (1 - TIE) for x in loads.values() if x < math.inf):
             raise Doubt(self._run.t, "a near tie")

@@ -20,9 +20,9 @@ def machine(
     stops: bool = False,
     opens: bool = False,
 ) -> Scene:
-    """Return two to five bodies with contacts at radii, springs and loads, and what is asked for beside them.
+    """Return two to five bodies with contacts at radii, springs and loads, and the elements that are asked for.
 
-    That is: gears, planetaries and loops of them; one-way clutches alone and beside contacts; elastic gaps; rigid
+    These are: gears, planetaries and loops of them; one-way clutches alone and beside contacts; elastic gaps; rigid
     stops; contacts that open and close.
     """
     draw = _Draw(seed)
@@ -157,7 +157,7 @@ def _stop(draw: _Draw, name: str, on: dict[str, float], place: dict[str, float])
     return {"kind": "stop", "name": name, "on": on, "e": draw.one([0.0, 0.0, 0.5, 0.8, 1.0])} | limits
 
 
-# Scenes by number, and what they are.
+# Scenes by number, and their description.
 FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "radii": (partial(machine, ties=False), "contacts, springs and dampers at radii"),
     "ties": (machine, "gears, planetaries, levers and loops, bodies without inertia"),

@@ -38,7 +38,7 @@ Change = Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Mutation:
-    """A way to break the package: replaces an attribute, named as module:object, by what `change` makes of it."""
+    """A way to break the package: replaces an attribute, named as module:object, by the result of `change`."""
 
     name: str
     what: str
@@ -50,7 +50,7 @@ MUTATIONS: list[Mutation] = []
 
 
 def breaks(name: str, what: str, target: str) -> Callable[[Change], Change]:
-    """Enter a way to break the package: what the decorated function makes of the original."""
+    """Enter a way to break the package: the decorated function returns a replacement of the original."""
 
     def enter(change: Change) -> Change:
         MUTATIONS.append(Mutation(name, what, target, change))
@@ -66,7 +66,7 @@ def apply(name: str) -> None:
     setattr(pkgutil.resolve_name(owner), last, mutation.change(pkgutil.resolve_name(mutation.target)))
 
 
-# What a part is replaced by
+# The replacements
 
 
 @breaks("eq1-sign", "eq. (1) with the wrong sign", "stickslip.equations.balance:Balance.held_forces")

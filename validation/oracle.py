@@ -25,9 +25,9 @@ MOST_EVENTS, MOST_STALLS = 5000, 20
 NOTHING = 1e-11  # part of the largest load within which a normal force that depends on the state is 0
 TRIAL = 1e-3  # part of the span that is tried to see whether a normal force that is 0 rises or falls
 
-# Part of the span within which a contact that changes twice grazes: whether it does is lost in any tolerance.
+# Part of the span within which a contact that changes twice grazes: no tolerance can tell whether it changes at all.
 GRAZE = 1e-6
-PARTS = 20  # into which a motion that is integrated is divided at least: beyond an event it would be in vain
+PARTS = 20  # of the span, integrated one by one: what is integrated beyond an event is in vain
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Piece:
 
 @dataclass
 class Solution:
-    """What the oracle found: right up to the time `known`, which is the end unless `doubt` says why not."""
+    """The motion found. It is right up to the time `known`: the end, or earlier for the reason in `doubt`."""
 
     system: System
     known: float
@@ -73,7 +73,7 @@ class Solution:
         return force
 
     def forces(self, t: float) -> dict[str, float]:
-        """Return the same by the names of the contacts."""
+        """Return the friction forces by the names of the contacts."""
         return dict(zip(self.system.names, self.friction(t).tolist(), strict=True))
 
     def _piece(self, t: float) -> Piece:
@@ -124,7 +124,7 @@ class _Run:
     # Settling
 
     def _settle(self) -> dict[int, int | None]:
-        """Return the modes of all contacts just after now; None where one at rest is open."""
+        """Return the modes of all contacts just after now; None for an open contact at rest."""
         system, first = self._system, not self._modes
         self._v = system.driven(self._v, system.loads(self.t, 0.0))
         resting = self._resting()
@@ -145,9 +145,9 @@ class _Run:
         return {**moving, **settle(system, now)}
 
     def _pressed(self, now: Instant) -> Instant:
-        """Return which contacts are open by what their normal force depends on, and how the bodies accelerate.
+        """Return the instant with the contacts that the state opens, and with the accelerations of the bodies.
 
-        One whose normal force is 0 now carries nothing now. Where the motion goes without it tells whether it closes.
+        A contact whose normal force is 0 now carries no force now. The motion without it shows whether it closes.
         """
         system = self._system
         normal = now.balance(system, {}, (), 0.0).normal
@@ -173,7 +173,7 @@ class _Run:
         return replace(now, opened=opened - closing, a=a)
 
     def _resting(self) -> list[int]:
-        """Return the contacts with w = 0: within roundoff, or because this is what ended the last piece."""
+        """Return the contacts with w = 0: within roundoff, or less exactly if their guard ended the last piece."""
         w = np.abs(self._system.incidence @ self._v)
         now = float(np.abs(self._v).max(initial=1e-300))
         self._speed = max(self._speed, now)
@@ -181,7 +181,7 @@ class _Run:
         return [j for j in range(len(w)) if w[j] <= zero or (j in self._reached and w[j] <= 1e-6 * self._speed)]
 
     def _later(self, now: Instant) -> float:
-        """Return when to look at the loads: just after now where a contact at rest is pressed from 0 on."""
+        """Return how long after now to read the loads: a moment if a contact at rest is pressed from 0 on, else 0."""
         system = self._system
         rising = now.balance(system, {}, (), 1e-9 * system.span).normal > 0
         normal = now.balance(system, {}, (), 0.0).normal
@@ -207,7 +207,7 @@ class _Run:
         speed = max(self._speed, float(largest[-1]))
         modes = [self._to_come(j, states, speed) if mode is None else mode for j, mode in sorted(settled.items())]
         if closing := self._closing(settled, modes, stuck):
-            # what presses it starts at 0, but it presses from now on
+            # their normal forces are 0 now, but press from now on
             self._move({**settled, **closing}, stop)
             return
         self._note(modes)
@@ -218,7 +218,7 @@ class _Run:
             self._speed = max(self._speed, float(largest[np.searchsorted(grid, tau, side="right") - 1]))
             if self._speed > 1e-3 * speed:
                 break
-            # beyond the event the motion would have grown: what counts as 0 is a part of what it was before
+            # The motion would have grown beyond the event: look again, with speeds before the event as the scale.
             speed = self._speed
         end = stop if tau >= length else self.t + tau
         self.solution.pieces.append(Piece(self.t, motion, tuple(modes), stuck, self._since, opened))
@@ -237,7 +237,7 @@ class _Run:
         return found
 
     def _to_come(self, j: int, states: Sequence[State], speed: float) -> int:
-        """Return the mode of an open contact at rest: where it goes next."""
+        """Return the mode of an open contact at rest: the direction in which it moves next."""
         for _, v in states[1:]:
             w = float(self._system.incidence[j] @ v)
             if abs(w) > 1e-12 * speed:
@@ -259,10 +259,10 @@ class _Run:
 
 
 class _Watch:
-    """What must stay positive: w times the mode of slipping contacts, B - lambda and B + lambda of stuck ones.
+    """The guards, which must stay positive: w times mode of slipping contacts, B - lambda and B + lambda of stuck ones.
 
-    Where these are redundant it is what each cut can carry, less what it has to. Where normal forces depend on the
-    state it is N of closed contacts, and -N of open ones.
+    If stuck contacts are redundant, their guards are what each cut can carry, less what it has to. If normal forces
+    depend on the state, N of closed contacts and -N of open ones are guards, too.
     """
 
     def __init__(
@@ -281,7 +281,8 @@ class _Watch:
         self._slipping, self._stuck, self._since = {j: m for j, m in enumerate(modes) if m}, stuck, since
         self._cuts = cuts(system, stuck)
         self._owners = [*((j,) for j in self._slipping), *(cut.contacts for cut in self._cuts)]
-        self._owners += [() for _ in system.pressed]  # they end the motion; what they are then is looked at anew
+        # guards of normal forces end the motion; which contacts are open then is decided anew
+        self._owners += [() for _ in system.pressed]
         slips = len(self._slipping)
         self._zero = np.full(len(self._owners), 1e-13 * system.force_scale)
         self._zero[:slips] = 1e-14 * speed
@@ -301,7 +302,7 @@ class _Watch:
         return np.array(found)
 
     def first(self, grid: Array, states: Sequence[State], length: float) -> tuple[float, set[int]]:
-        """Return when the first of them falls to 0, the end where none does, and the contacts that it belongs to."""
+        """Return when the first guard falls to 0, or the end if none does, and the contacts whose guards are 0 then."""
         guards = np.array([self._guards(tau, y) for tau, y in zip(grid, states, strict=True)])
         zeros: dict[int, float] = {}
         for k in range(len(self._owners)):
@@ -323,7 +324,7 @@ class _Watch:
         zero, last = self._zero[k], len(grid) - 1
         away = np.flatnonzero(np.abs(values) > 100 * zero)
         if not away.size:
-            return None  # it stays at 0
+            return None  # the guard stays at 0
         if values[away[0]] < 0:
             raise Doubt(self._start, "a contact that leaves its mode at once")
         guard = lambda tau: float(self._guards(tau, self._motion.at(tau))[k])  # noqa: E731
@@ -332,7 +333,7 @@ class _Watch:
                 return None
             if values[i + 1] < 0:
                 if i + 1 == last and values[last] > -zero:
-                    return None  # it comes to 0 at the end
+                    return None  # the guard comes to 0 at the end
                 return root(guard, grid[i], grid[i + 1])
             if i > away[0] and _dips(*values[i - 1 : i + 2]):
                 lowest = minimize_scalar(

@@ -10,13 +10,13 @@ from scipy.integrate import DOP853
 from validation.oracle_system import Array, System
 
 State = tuple[Array, Array]
-FEWEST, MOST = 60, 4000  # points at which a piece of motion is looked at
+FEWEST, MOST = 60, 4000  # numbers of points at which a piece of motion is watched
 
 
 def exponential(matrix: Array) -> Array:
     """Return the exponential of a matrix, from the series of exp(M / 2^k) - 1.
 
-    That is what is doubled k times: without the 1 it loses no digits, which library routines do over many steps.
+    This is doubled k times, and the 1 added at the end: so no digits are lost, as library routines do over many steps.
     """
     norm = float(np.abs(matrix).sum(axis=0).max())
     doublings = max(0, int(np.ceil(np.log2(norm))) + 3) if norm > 0 else 0
@@ -75,7 +75,7 @@ class Exponential:
 
     @staticmethod
     def _taken(system: System, stuck: Sequence[int], accelerations: Array) -> Array:
-        """Return what stuck contacts take away of accelerations."""
+        """Return the accelerations that the forces of stuck contacts take away."""
         if not stuck:
             return np.zeros_like(accelerations)
         reaction = system.incidence[list(stuck)].T @ (system.holding(stuck) @ accelerations)

@@ -269,7 +269,7 @@ def _coefficients(draw: _Draw) -> list[float]:
 
 
 def _ends(draw: _Draw, count: int, more: tuple[int, int] | None) -> list[tuple[str, str]]:
-    """Return between what contacts lie: each body rests on one before it or on the ground; more lie beside these."""
+    """Return the ends of contacts: each body rests on one before it or on the ground; some contacts are added."""
     ends = [(i, draw.one([-1, *range(i)])) for i in range(count)]
     for _ in range(draw.whole(*more) if more else 0):
         a, b = draw.random.sample(range(-1, count), 2)
@@ -306,7 +306,7 @@ def closing(seed: int, loops: bool = False) -> Scene:
         forces.append({"body": body["name"], "load": load})
     scene: Scene = {"bodies": bodies, "contacts": contacts, "forces": forces, "t_end": stop}
     if draw.chance(0.7):
-        # a sine beside which nothing changes, or one that moves all
+        # a large sine or a small one; without loops the small one is too small to move anything
         sine = {"amplitude": draw.one([draw.number(0.5, 4, 1), 0.1 if loops else 1e-25])}
         sine |= {"frequency": draw.number(0.3, 2, 2), "phase": draw.one([0, draw.number(0, 3, 1)])}
         forces.append({"body": draw.one(bodies)["name"], "load": sine})
@@ -360,7 +360,7 @@ def pressed(seed: int) -> Scene:
         size = draw.one([2.0, 6.0, 15.0]) if slow else draw.one([10.0, 30.0, 80.0])
         contact["pressed_by"] = [[*term, draw.number(-size, size, 1)] for term in terms]
         if draw.chance(0.2):
-            # it starts at 0, and rests there where nothing moves
+            # the normal force starts at 0, and stays 0 as long as nothing moves
             contact["normal"] = 0.0
     return scene
 
@@ -380,7 +380,7 @@ def tree(draw: Callable[[int], Scene], seed: int) -> Scene:
     return scene | {"contacts": kept}
 
 
-# Scenes by number, and what they are.
+# Scenes by number, and their description.
 FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "wheels": (wheels, "wheels in chains, stars and trees, with brakes and drives"),
     "dampers": (partial(wheels, dampers=True), "wheels with dampers beside the contacts"),

@@ -11,10 +11,11 @@ import numpy as np
 from validation.oracle_sharing import Cut, capacity, cuts, need
 from validation.oracle_system import Array, Balance, Doubt, System
 
-# Loads over levels that differ by less than the first tie; by less than the second, nobody can tell.
+# Loads over levels that differ by less than the first tie. Whether those tie that differ by less than the second is in
+# doubt.
 TIE, NEAR_TIE = 1e-10, 1e-6
 
-# How far below its level a contact that has just reached it counts as overloaded; how far above it another holds.
+# How far below its level a contact that has just reached it counts as overloaded; how far above it others still hold.
 AT_LEVEL, BELOW_LEVEL = 1e-7, 1e-9
 
 JUST_AFTER = 1e-9  # part of the span after which forces and levels that are both 0 are looked at
@@ -33,11 +34,11 @@ class Instant:
     resting: list[int]  # contacts with w = 0
     since: dict[int, float]  # t_start of each of them
     reached: set[int]  # contacts that end the piece of motion before: their w or their level was reached
-    opened: frozenset[int]  # contacts that are open by what their normal force depends on
-    a: Array  # accelerations with which the loads are looked at later; forces that are 0 now add nothing to them
+    opened: frozenset[int]  # contacts that the state opens: their normal force depends on it
+    a: Array  # accelerations for the state at `later`; forces that are 0 now add nothing to them
 
     def balance(self, system: System, slipping: dict[int, int], stuck: Sequence[int], soon: float) -> Balance:
-        """Return forces and accelerations so much later than `start`, the state with them."""
+        """Return forces and accelerations at the time `start` + `soon`, with the state moved on to it."""
         x, v = self.x + self.v * soon, self.v + self.a * soon
         return system.balance(self.start, soon, x, v, slipping, stuck, self.opened)
 

@@ -20,7 +20,7 @@ MOST_BODIES = 10
 
 
 class Cut(NamedTuple):
-    """Contacts that join some bodies to the rest, and the sign with which each counts."""
+    """Contacts that join some bodies to the rest, and the sign of each in the force between these."""
 
     contacts: tuple[int, ...]
     signs: tuple[int, ...]
@@ -50,12 +50,12 @@ def cuts(system: System, stuck: Sequence[int]) -> list[Cut]:
 
 
 def need(cut: Cut, held: dict[int, float]) -> float:
-    """Return what a cut has to carry, in its direction."""
+    """Return the force that a cut has to carry, in its direction."""
     return sum(sign * held[j] for j, sign in zip(cut.contacts, cut.signs, strict=True))
 
 
 def capacity(system: System, cut: Cut, time: float, since: dict[int, float], normal: Array) -> float:
-    """Return what the contacts of a cut can carry together, in its direction."""
+    """Return the force that the contacts of a cut can carry together, in its direction."""
     return float(
         sum(
             system.breakaway(j, sign, time - since[j]) * normal[j]
@@ -74,10 +74,10 @@ def shared(system: System, balance: Balance, time: float, since: dict[int, float
         np.array([sign * system.breakaway(j, sign, time - since[j]) * balance.normal[j] for j in stuck])
         for sign in (1, -1)
     )
-    # forces that move nothing: what they add to the least norm must stay within the limits
+    # forces that move nothing: the forces of least norm plus some of these must be within the limits
     idle = null_space(system.incidence[list(stuck)].T * (system.mobility > 0)[:, None])
     scale = max(float(np.abs(least).max()), 1e-300)
-    # forces outside the loops are what they are: roundoff beyond a limit of theirs asks nothing of the others
+    # forces outside loops cannot be changed: if roundoff puts one beyond its limit, the others need not change
     some = np.abs(idle).max(axis=1, initial=0.0) > 1e-9
     rows = np.vstack([idle[some], -idle[some]])
     needed = np.concatenate([(low - least)[some], (least - high)[some]]) / scale

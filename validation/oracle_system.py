@@ -36,7 +36,7 @@ class Loads(NamedTuple):
 class Balance(NamedTuple):
     """Velocities, accelerations, forces of stuck contacts by number, normal forces, modes of slipping contacts.
 
-    A normal force that depends on the state goes on below 0 here while its contact counts as closed.
+    A normal force that depends on the state may be negative here, as long as its contact counts as closed.
     """
 
     velocity: Array
@@ -92,7 +92,7 @@ class System:
         self.linear = all(hasattr(s, "points") for s in signals) and not any(c.get("vs") for c in self.contacts)
         """Whether the motion between events solves linear equations."""
         sizes = [abs(factor) for c in self.contacts for *_, factor in c.get("pressed_by", [])]
-        # of normal forces that depend on the state what speeds and ways of 1 make of them
+        # the size of a normal force that depends on the state is its change by a position or velocity of 1
         self.force_scale = max((*(s.size for s in loads), *sizes), default=0.0) or 1e-300
         self._inverses: dict[tuple[int, ...], Array] = {}
         self._independent: dict[tuple[int, ...], bool] = {}
@@ -105,7 +105,7 @@ class System:
         return row
 
     def _press(self) -> None:
-        """Enter what normal forces take from positions and velocities."""
+        """Enter the factors of positions and velocities in normal forces."""
         rows = dict(zip(self.names, self.incidence, strict=True))
         for j, contact in enumerate(self.contacts):
             for quantity, name, factor in contact.get("pressed_by", []):
@@ -141,7 +141,7 @@ class System:
     def loads(self, start: float, tau: float) -> Loads:
         """Return all loads at start + tau, on the pieces that begin at or before `start`.
 
-        Of normal forces that depend on the state it is the part that does not, of either sign.
+        For a normal force that depends on the state, only the part that does not; it may be negative.
         """
         normal = np.array([n.after(start, tau)[0] for n in self._normals])
         fixed = [j for j in range(normal.size) if j not in self.pressed]
@@ -153,7 +153,7 @@ class System:
         return Loads(normal, force, {i: v for i, (v, _) in moves.items()}, {i: a for i, (_, a) in moves.items()})
 
     def normals(self, loads: Loads, x: Array, v: Array, opened: Collection[int] = ()) -> Array:
-        """Return the normal forces, 0 of contacts that count as open; others that depend on the state have any sign."""
+        """Return the normal forces, 0 for `opened` contacts; others that depend on the state may be negative."""
         found = loads.normal + self.by_position @ x + self.by_velocity @ v
         found[list(opened)] = 0.0
         return found
@@ -181,7 +181,7 @@ class System:
         eq. (1) for one contact of two bodies. Where they are redundant, lambda is the one of least norm.
 
         The pieces of the loads begin at the time `start`, `tau` ago. `modes` are +1 or -1 of slipping contacts by
-        number; `opened` ones are open though what their normal force depends on may say something else.
+        number; `opened` contacts are open, whatever normal force the state would give them.
         """
         loads = self.loads(start, tau)
         v = self.driven(v, loads)

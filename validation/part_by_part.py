@@ -46,7 +46,7 @@ from validation.tried import try_each
 
 STOP = 4.0
 
-# Part of the span by which events may differ: gaps may close or open at velocities of 1e-5 of the largest.
+# Part of the span by which times of events may differ: gaps may close or open at velocities of 1e-5 of the largest.
 EVENTS = 1e-10
 
 PATIENCE = 60.0
@@ -78,13 +78,13 @@ def both(scene: Scene, stop: float, knots: bool = False, **options: Any) -> tupl
 
 
 def difference(scene: Scene, stop: float = STOP, knots: bool = False, events: Sequence[When] = ()) -> float:
-    """Return how far a scene followed part by part is from the same as a whole, in parts of what roundoff may leave."""
+    """Return how far a scene followed part by part is from the same as a whole, over the error allowed for roundoff."""
     local, whole = both(scene, stop, knots, events=events)
     return difference_of(local, whole)
 
 
 def difference_of(local: Result, whole: Result) -> float:
-    """Return the largest difference of two results, in parts of what roundoff may leave; other events are wrong."""
+    """Return the largest difference of two results, over the error allowed for roundoff; other events are wrong."""
     stop, scale = float(whole.trajectory.stops[-1]), np.abs(whole.y).max()
     for what in ("fewest_states", "guards"):
         require(local.stats[what] == whole.stats[what], f"the stats tell of other {what}")
@@ -94,7 +94,7 @@ def difference_of(local: Result, whole: Result) -> float:
         worst(local.energy().heat, heat, heat.max() + scale**2) / 1e-10,
     ]
     for name in (row.name for row in whole.scene.rows):
-        # of one row: two rows may change in the same instant, and be named in either order
+        # row by row: the events of two rows in the same instant may be in either order
         here, there = ([e for e in result.events if e.contact == name] for result in (local, whole))
         story, other = ([(e.before, e.after, e.cause) for e in events] for events in (here, there))
         require(story == other, f"events of {name}: {story} part by part, {other} as a whole")
@@ -361,13 +361,13 @@ class Family:
 
 JAMMED = (50, 103, 137, 304, 384)  # drives press stops and a clutch together: no motion is possible
 
-# A stop or a clutch comes to a velocity of 0 as nearly as roundoff tells: that it touches, or not, is right.
+# The velocity at a stop or a clutch comes to 0 within roundoff: both answers are right, that it touches or does not.
 HARDLY_TOUCHES = (16, 87, 132)
 
-# Each of many impacts that accumulate passes on the roundoff of the one before, larger: later ones are other ones.
+# Impacts that accumulate: each amplifies the roundoff of the one before, so that later ones differ.
 BOUNCES = (212, 253)
 
-# Two gaps close within a part in a billion of their play: they may be told to close in one instant, or in two.
+# Two gaps close within a part in a billion of their play: they may close in one instant, or in two.
 ALMOST_TOGETHER = (244,)
 
 FAMILIES = {
@@ -414,7 +414,7 @@ def _differences(family: str, count: int) -> Tried:
 
 
 def rows(scenes: int) -> list[Row]:
-    """Return the rows over so many scenes of each family."""
+    """Return the rows over `scenes` scenes of each family."""
     return [
         Row(
             "Engines against each other",

@@ -1,4 +1,4 @@
-"""What `tradeoff` promises: the call that it recommends for an error has no larger one, on scenes nobody tuned."""
+"""The promise of `tradeoff`: the call that it recommends for an error has no larger error, on untuned scenes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POINTS = 3001  # the study itself looks at 1001 times
 
 
 def _broken(number: int) -> float:
-    """Return the largest error of the recommended calls of a scene, over what was asked for."""
+    """Return the largest error of the recommended calls of a scene, over the error that was asked for."""
     scene = draw(number)
     study, times = tradeoff(scene, (0.0, STOP), budget=BUDGET), np.linspace(0.0, STOP, POINTS)
     bodies = [body.name for body in scene.bodies]

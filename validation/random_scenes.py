@@ -1,4 +1,4 @@
-"""Rows over random scenes: what must hold for any scene, whatever its motion is."""
+"""Rows over random scenes: properties that every scene must have, whatever its motion is."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ GRID = np.linspace(0.0, STOP, 15)
 OPTIONS: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 BOUND = 1e-5  # a thousand times rtol
 
-# How many times as loose as elsewhere these tolerances are, and so the bounds of what no motion may violate.
+# These tolerances over those of `validation.conservation`: the bounds of its laws are as many times wider here.
 LOOSER = 100.0
 PATIENCE = 60.0  # time in s after which a scene counts as hanging
 

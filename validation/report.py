@@ -152,7 +152,7 @@ def _row(outcome: Outcome) -> str:
 
 # Figures
 
-# What is drawn of motions: where rows start with a name, a story, in a unit.
+# Motions to draw: the beginning of the names of their rows, the story, and the unit of its velocities.
 STORIES: tuple[tuple[str, Callable[[], Story], str], ...] = (
     ("two-flywheels", two_flywheels, "rad/s"),
     ("reference-flywheels-4/", lambda: reference("flywheels-4"), "rad/s"),

@@ -1,7 +1,8 @@
-"""The rough end: what CVODE and IDA do with loose tolerances, on the random scenes of the oracle.
+"""Rows over loose tolerances: the errors of CVODE and IDA on the random scenes of the oracle.
 
-A tolerance is one of steps; what it leaves of a whole run depends on the scene, and where a velocity nearly touches 0
-no multiple of it bounds the error. So what is asked for is where nearly all runs are, and that none fails.
+A tolerance bounds the error of single steps. The error of a whole run depends on the scene; where a velocity nearly
+touches 0, no multiple of the tolerance bounds it. So the rows ask that nearly all runs are within a bound, and that
+none fails.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ ENGINES: dict[str, dict[str, Any]] = {
     "IDA": {"formulation": "multiplier"},
 }
 NEARLY_ALL = 95  # per cent of the runs that have to be within the bound
-BOUND = 10.0  # in units of rtol: what single steps leave adds up along a run
+BOUND = 10.0  # in units of rtol: errors of single steps add up along a run
 POINTS = 300
 
 
 @cache
 def _exact(family: str, number: int) -> Result:
-    """Return the run by the default engine, which other rows hold against the oracle."""
+    """Return the run by the default engine, which other rows compare with the oracle."""
     data = FAMILIES[family][0](number)
     return simulate(scene_of(data, number), (0.0, data["t_end"]), rtol=1e-11, atol=1e-13)
 
@@ -42,12 +43,12 @@ def _error(family: str, number: int, engine: str, rtol: float) -> float:
     times = np.linspace(*span, POINTS)
     right = exact(times)[:bodies]
     largest = float(np.abs(right).max())
-    # where nothing moves but by roundoff, there is nothing to compare
+    # if nothing moves but by roundoff, there is nothing to compare
     return float(np.abs(found(times)[:bodies] - right).max()) / rtol / max(largest, 1e-12)
 
 
 def _nearly_all(rtol: float, count: int) -> tuple[float, str]:
-    """Return within what nearly all runs of `count` scenes of each family are; one that fails is wrong."""
+    """Return the error within which nearly all runs of `count` scenes of each family are; a failed run is `Wrong`."""
     errors: dict[str, float] = {}
     for family in FAMILIES:
         for number in range(1, count + 1):

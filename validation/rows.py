@@ -1,4 +1,4 @@
-"""What a row of the table is, and how it is judged."""
+"""Rows of the table of checks, and how they are judged."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORMULATIONS = ("contact-force", "merged", "multiplier")
 
 
 def asked(formulation: str) -> dict[str, Any]:
-    """Return what `simulate` is asked for: contact forces by the default engine, merged inertias by CVODE."""
+    """Return arguments of `simulate` for a formulation: the default engine, but CVODE for merged inertias."""
     return {"formulation": formulation} | ({"method": "BDF"} if formulation == "merged" else {})
 
 
@@ -29,7 +29,7 @@ class Wrong(Exception):
 
 @dataclass(frozen=True)
 class Tried:
-    """What became of many things of one kind that were tried one by one."""
+    """The result of many cases of one kind that were tried one by one."""
 
     error: float
     remark: str
@@ -47,21 +47,21 @@ class Row:
 
     theme: str  # chapter of the table it stands in
     name: str  # by which it can be run on its own
-    what: str  # is compared, and relative to what
+    what: str  # the quantity that is compared, and the scale of its error
     source: str  # where the right answer comes from
-    # the measured error, or that and a remark, or what was tried one by one; `Wrong` where no number would say it
+    # returns the error, or error and remark, or the result of many cases; raises `Wrong` for an error without a size
     check: Callable[[], Answer]
     bound: float  # largest error that passes
     quick: bool = True  # whether it belongs to the quick run
     limit: float = 30.0  # time in s after which it counts as hanging
-    tries: str = ""  # what it tries one by one, in the plural, where it does: the report counts these
-    same: bool = False  # whether all rows that try these try the same ones
+    tries: str = ""  # plural noun for the cases that it tries one by one, if it does: the report counts these
+    same: bool = False  # whether all rows with the same `tries` try the same cases
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a row: measured error, time spent in s, a remark where there is something to say, and what was
-    tried one by one.
+    """The result of a row: measured error, time spent in s, a remark if there is one, and the result of many cases
+    if it tried some.
     """
 
     row: Row
@@ -102,7 +102,7 @@ def require(condition: bool, otherwise: str) -> None:
 
 
 def changes(result: Result, opened: bool = False) -> list[Change]:
-    """Return the events as plain numbers, without those of contacts that are open unless these are asked for."""
+    """Return the events as plain numbers, without those of open contacts unless `opened`."""
     events = (e for e in result.events if opened or e.cause != "open")
     return [(e.t, e.contact, int(e.before), int(e.after)) for e in events]
 

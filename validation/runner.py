@@ -23,7 +23,7 @@ def run(
 ) -> Generator[Outcome, None, None]:
     """Yield the outcome of each row, in their order: so many `jobs` run side by side, each in a process of its own.
 
-    What rows check must be importable there; `prepare` is called first in each.
+    The functions of the rows must be importable there; `prepare` is called first in each.
     """
     idle: SimpleQueue[_Worker] = SimpleQueue()
     workers = [_Worker(prepare) for _ in range(jobs)]
@@ -90,7 +90,7 @@ class _Worker:
         self._end()
 
     def _end(self) -> None:
-        # one that waits for rows ends by itself, and tidies up
+        # a process that waits for rows ends by itself, and tidies up
         self._line.close()
         self._process.join(_GRACE)
         self._process.kill()
@@ -99,7 +99,7 @@ class _Worker:
 
 def _serve(line: Connection, prepare: Callable[[], None] | None) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):  # what solvers print from C does not belong into the table
+    for stream in (1, 2):  # output that solvers print from C does not belong in the table
         os.dup2(nowhere, stream)
     try:
         if prepare is not None:

@@ -1,4 +1,4 @@
-"""Many things of one kind tried one by one: each has a time limit, and what is wrong or hangs is counted."""
+"""Many cases of one kind tried one by one: each has a time limit, and those that are wrong or hang are counted."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from validation.rows import Outcome, Tried
 
 
 class Hung(BaseException):
-    """No answer within the time limit. Not an `Exception`: nothing may take it for an error of its own."""
+    """No answer within the time limit. Not an `Exception`: no handler of errors may catch it."""
 
 
 @contextlib.contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Raise `Hung` after so many seconds; without alarms, as on Windows, there is only the limit of the row."""
+    """Raise `Hung` after `seconds`; without alarms, as on Windows, there is only the limit of the row."""
     if not hasattr(signal, "setitimer"):
         yield
         return
@@ -36,7 +36,7 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def patience() -> float:
-    """Return by how much longer than usual to wait for answers: the environment's VALIDATION_PATIENCE, or 1."""
+    """Return the factor by which time limits are longer: the environment's VALIDATION_PATIENCE, or 1."""
     return float(os.environ.get("VALIDATION_PATIENCE", "1"))
 
 
@@ -64,7 +64,7 @@ def try_each(items: Iterable[tuple[str, Callable[[], float]]], limit: float) -> 
 
 
 def summary(outcomes: Sequence[Outcome]) -> list[tuple[str, int, int, int, int]]:
-    """Return for each kind of thing: its name, how many were tried, in how many checks, how many wrong, how many hung.
+    """Return for each kind of case: its name, how many were tried, in how many checks, how many wrong, how many hung.
 
     A row over its bound counts as one that is wrong; one that gave no answer counts as one that hung.
     """

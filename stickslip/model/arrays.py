@@ -1,4 +1,4 @@
-"""Arrays by what they hold, for all that takes or returns them."""
+"""Types of arrays, by the numbers that they hold."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _MOST = 100_000_000
 
 
 class NamedArguments(type):
-    """A class whose constructor names the arguments that are missing or unknown, and those that there are."""
+    """A metaclass: an error of the constructor names the arguments that are missing or unknown, and all that exist."""
 
     if not TYPE_CHECKING:  # type checkers look at the constructor itself
 
@@ -33,13 +33,13 @@ class NamedArguments(type):
 
         @property
         def __signature__(cls) -> inspect.Signature:
-            """The arguments of the constructor, which that call would hide."""
+            """The arguments of the constructor, which `__call__` would hide."""
             own = inspect.signature(cls.__init__)
             return own.replace(parameters=list(own.parameters.values())[1:])
 
 
 def _check_call(cls: type, args: tuple[Any, ...], given: Mapping[str, Any]) -> None:
-    """Refuse a call that does not fit the constructor; one that does was refused for its values."""
+    """Refuse a call that does not fit the constructor; return if it fits: then the error is about a value."""
     arguments = inspect.signature(cls).parameters
     if any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in arguments.values()):
         return
@@ -61,13 +61,13 @@ def _check_call(cls: type, args: tuple[Any, ...], given: Mapping[str, Any]) -> N
 
 
 def every_digit(number: float) -> str:
-    """Return a number as short as it can be told from all others: 5, 0.1, 0.30000000000000004."""
+    """Return a short text that reads back as exactly this number: 5, 0.1, 0.30000000000000004."""
     short = f"{number:g}"
     return short if float(short) == number else repr(float(number))
 
 
 def finite(value: Any, what: str) -> float:
-    """Return a finite number as a float; refuse what is none with a message that begins with `what`."""
+    """Return a finite number as a float; refuse other values with a message that begins with `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         remedy = "; give it in SI units, without quotes" if isinstance(value, str) else ""
         if callable(value) or hasattr(value, "_not_linear"):  # a function or a load
@@ -83,9 +83,9 @@ def finite(value: Any, what: str) -> float:
 
 
 def as_number(value: Any) -> float:
-    """Return what a function of the user returned as a float, also an array of one number; NaN where it is none."""
+    """Return the value of a user's function, a number or an array of one number, as a float; NaN for anything else."""
     if isinstance(value, float):
-        # numbers of numpy, too, in a tenth of the time
+        # np.float64 is a float, too; this takes a tenth of the time of reshape
         return float(value)
     try:
         return math.nan if isinstance(value, (str, bytes)) else float(np.reshape(value, ()))
@@ -94,14 +94,14 @@ def as_number(value: Any) -> float:
 
 
 def flag(value: Any, what: str) -> bool:
-    """Return True or False; refuse what is neither with a message that begins with `what`."""
+    """Return True or False; refuse other values with a message that begins with `what`."""
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{what} must be True or False, got {reprlib.repr(value)}")
     return bool(value)
 
 
 def whole(value: Any, what: str, least: int = 0) -> int:
-    """Return a whole number from `least` on; refuse what is none with a message that begins with `what`."""
+    """Return a whole number from `least` on; refuse other values with a message that begins with `what`."""
     is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not is_whole or value < least:
         error = ValueError if is_whole else TypeError
@@ -112,7 +112,7 @@ def whole(value: Any, what: str, least: int = 0) -> int:
 
 
 def limit(value: Any, none: float, what: str) -> float:
-    """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
+    """Return a finite number, or `none`, the infinite one that means no limit; files write `none` as a string."""
     if isinstance(value, (str, int, float)) and value in (none, str(none)):
         return none
     if isinstance(value, float) and value == -none:
@@ -121,9 +121,9 @@ def limit(value: Any, none: float, what: str) -> float:
 
 
 def in_order(values: Any, what: str, kind: str = "numbers") -> list[Any]:
-    """Return what stands in a sequence as a list; refuse text, and sets and tables, which have no order.
+    """Return the items of a sequence as a list; refuse text, and sets and tables, which have no order.
 
-    `what` begins the message; `kind` is what the sequence should hold.
+    `what` begins the message; `kind` names the items that the sequence should hold.
     """
     try:
         if not isinstance(values, (str, bytes, Set, Mapping)):
@@ -134,12 +134,12 @@ def in_order(values: Any, what: str, kind: str = "numbers") -> list[Any]:
 
 
 def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
-    """Return finite numbers as a tuple of floats; refuse what is none with a message that begins with `what`."""
+    """Return finite numbers as a tuple of floats; refuse other values with a message that begins with `what`."""
     return tuple(finite(value, what) for value in in_order(values, what))
 
 
 def check_name(value: Any, what: str) -> str:
-    """Return a name, refuse what is none; `what` begins the message."""
+    """Return a name; refuse other values with a message that begins with `what`."""
     if not isinstance(value, str) or not value:
         raise TypeError(f"{what} must be a name (a string that is not empty), got {value!r}")
     return value
@@ -153,9 +153,10 @@ def check_entries(
     error: type[Exception] = ValueError,
     code: tuple[str, ...] = (),
 ) -> None:
-    """Refuse entries of a table that what is made from it does not know, and tables that lack one it needs.
+    """Refuse a table that has an entry which its `maker` does not know, or lacks one which it needs.
 
-    The entries are the arguments of `maker`, but for those in `code`; `what` begins the message of the error.
+    The entries are the arguments of `maker`, but for those in `code`. `what` begins the message of the error, and
+    `kind` names the maker there.
     """
     known = {name: needed for name, needed in _arguments(maker).items() if name not in code}
     for name in given:
@@ -174,11 +175,11 @@ def _arguments(maker: Callable[..., Any]) -> dict[str, bool]:
 
 
 def check_takes(function: Callable[..., Any], count: int, what: str, arguments: str, named: Iterable[str] = ()) -> None:
-    """Refuse a function that cannot be called with so many arguments, and some by name.
+    """Refuse a function that cannot be called with `count` arguments and the `named` ones by name.
 
-    One that does not tell is taken as it is.
+    A function without a signature is not refused.
 
-    `what` and `arguments` say in the message what it is and what it must take.
+    In the message, `what` names the function, and `arguments` says which arguments it must take.
     """
     try:
         signature = inspect.signature(function)
@@ -198,9 +199,9 @@ def name_of(function: Callable[..., Any]) -> str:
 
 
 def numbers(values: Any, what: str) -> Array:
-    """Return numbers in one line as an array; which of them make sense is not looked at.
+    """Return numbers in one line as an array; their values are not checked.
 
-    `what` begins the message of what is refused.
+    `what` begins the message where something is refused.
     """
     try:
         found = np.asarray(values)
@@ -214,9 +215,9 @@ def numbers(values: Any, what: str) -> Array:
 
 
 def names(values: Any, what: str) -> list[str]:
-    """Return a sequence of names as a list; which of them exist is not looked at.
+    """Return a sequence of names as a list; whether they exist is not checked.
 
-    `what` begins the message of what is refused.
+    `what` begins the message where something is refused.
     """
     if isinstance(values, str):
         raise TypeError(f"{what} must be a sequence of names, got {values!r}; write [{values!r}]")
@@ -226,7 +227,7 @@ def names(values: Any, what: str) -> list[str]:
 def file_path(path: Any, what: str) -> Path:
     """Return the path of a file.
 
-    `what` begins the message of what is refused.
+    `what` begins the message where something is refused.
     """
     if not isinstance(path, (str, PathLike)):
         raise TypeError(f"{what}: path must be a text or a pathlib.Path, got {reprlib.repr(path)}")
@@ -234,5 +235,5 @@ def file_path(path: Any, what: str) -> Path:
 
 
 def rounded_up(value: float) -> str:
-    """Return a positive number in two digits, no smaller than it is: a least value that a message names is enough."""
+    """Return a positive number in two digits, rounded up: a message names it as a least value that is enough."""
     return f"{1.05 * value:.2g}"

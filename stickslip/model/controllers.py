@@ -43,7 +43,7 @@ def pid(
         e', such as ``-1 * velocity("m")``; a continuous controller with `kd` needs it, a sampled one takes differences
         of its samples without it.
     low, high : float
-        Limits of the output. A continuous controller with limits has a second output: what it would give without.
+        Limits of the output. A continuous controller with limits has a second output: the output without limits.
     period : float, optional
         Of the samples, in s.
 
@@ -62,7 +62,7 @@ def pid(
         inputs = [e] if rate is None else [e, as_expression(rate, f"{label}: rate")]
         differs = kd != 0 and rate is None
         law = _Law(kp, ki, kd, low, high, finite(period, f"{label}: period"), differs)
-        # integral; where differences are taken the error of the last sample, too, and whether there was one
+        # states: the integral; where differences are taken, also the error of the last sample, and 1 if there was one
         return Sampled(
             name,
             period=period,
@@ -114,7 +114,7 @@ class _Law:
         return min(max(self._raw(x, u), self.low), self.high)
 
     def update(self, t: float, x: Array, u: Array) -> list[float]:
-        """Return the integral, unless the output is beyond a limit and goes further, and the error."""
+        """Return the next states; where the output is beyond a limit, the integral does not drive it further."""
         raw, push = self._raw(x, u), self.ki * u[0]
         beyond = (raw > self.high and push > 0) or (raw < self.low and push < 0)
         integral = float(x[0] + (0.0 if beyond else self.period * u[0]))

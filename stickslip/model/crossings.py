@@ -12,7 +12,7 @@ import scipy
 _SAMPLES_AT_LEAST = 20
 _ROUNDOFF = 1e-12
 
-# Part of an interval where a function may be asked for its sign: seldom where it only touches 0, as halves are.
+# Where in an interval, as a part of its length, the sign of a function is tested: at one half it may just touch 0.
 INSIDE = 0.6180339887
 
 
@@ -25,9 +25,10 @@ def crossings(
 ) -> Iterator[float]:
     """Find the times between `left` and `right` at which a function crosses 0.
 
-    Samples tell where its sign changes. Where it turns round between two samples of one sign, its extremum is
-    looked at too, so that short dips are not missed; one that only touches 0 is no crossing. The function is smooth
-    from `left` up to but not at `right`, `slope` is its derivative, and `distance` the longest time between samples.
+    Samples show where its sign changes. Where it turns back towards 0 between two samples of one sign, its extremum is
+    looked at too, so that short dips are not missed; an extremum that only touches 0 is no crossing. A sample that is
+    exactly 0 counts as a crossing. The function is smooth from `left` up to but not at `right`, `slope` is its
+    derivative, and `distance` the longest time between samples.
     """
     samples = ceil((right - left) / distance) if isfinite(distance) else 0
     times = np.linspace(left, np.nextafter(right, left), max(samples, _SAMPLES_AT_LEAST) + 1).tolist()
@@ -50,10 +51,10 @@ def crossings(
 def positive_pieces(
     value: Callable[[float], float], slope: Callable[[float], float], ends: Sequence[float], distance: float
 ) -> tuple[tuple[float, ...], tuple[bool, ...]]:
-    """Tell where a function is positive that is smooth between its `ends`: start, breaks and stop.
+    """Return the kinks of ``max(0, f)``, and whether f is positive before the first, between them, and after the last.
 
-    Returned are its kinks, which are zero crossings and the breaks at which it is positive, and whether it is positive
-    before the first of them, between them, and after the last.
+    The function f is smooth between its `ends`: start, breaks and stop. Kinks are its zero crossings, and the breaks
+    at which it is positive.
     """
     zeros = {t for left, right in pairwise(ends) for t in crossings(value, slope, left, right, distance)}
     times = sorted(zeros.union(ends))
@@ -69,10 +70,11 @@ def positive_pieces(
 def root_between(function: Callable[[float], float], a: float, b: float) -> float:
     """Return a root of a function whose signs differ at `a` and `b > a`.
 
-    Its error is roundoff of the root, or of the interval: a function that is a breath above 0 at 0 has a root that no
-    bisection reaches otherwise.
+    Its error is roundoff of the root, or of the length of the interval if that is larger: a root very near 0 would take
+    too many bisections to find to its own roundoff.
     """
-    # scipy wraps what it is given in a circle: let go of the function, and of the motion that it knows
+    # scipy makes a reference cycle with the function that it is given. Emptying the list lets go of `function`, and of
+    # the motion that it refers to.
     known = [function]
 
     def value(x: float) -> float:

@@ -19,4 +19,4 @@ class Region:
     value: Array  # the function there, a linear expression
     # expressions that are positive inside, and the number of the region beyond each
     borders: tuple[tuple[Array, int], ...] = ()
-    mode: int = 0  # what a row shows while its function is there: OPEN, FORWARD or BACKWARD
+    mode: int = 0  # the mode that a row shows while its function is in this region: OPEN, FORWARD or BACKWARD

@@ -33,7 +33,7 @@ from stickslip.model.signals import ZERO, Constant, Line, Load, Signal, as_signa
 
 
 class Quantity(Load):
-    """What depends on the motion; ``+`` and ``-`` add quantities, signals and numbers, ``*`` scales by a number."""
+    """A load that depends on the motion; ``+`` and ``-`` take quantities, signals and numbers, ``*`` takes a number."""
 
     def __add__(self, other: Load | float) -> Expression:
         return _sum(as_expression(self), as_expression(other, "a quantity's summand"))
@@ -200,7 +200,7 @@ class Feedback(Quantity):
         return number
 
     def slopes(self, arguments: Sequence[float]) -> Array:
-        """Return the derivatives with respect to the arguments, as they are given."""
+        """Return the derivatives with respect to the arguments, from the given functions."""
         given = self.derivatives
         assert given is not None
         try:
@@ -456,7 +456,7 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
     xs : sequence of float
         Values of the quantity, increasing.
     ys : sequence of float
-        What is returned there, equally many.
+        Values of the table there, equally many.
 
     Raises
     ------
@@ -471,7 +471,7 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
 
 
 def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
-    """Return a quantity, a signal or a number as an expression; refuse what is none, as `what`."""
+    """Return a quantity, a signal or a number as an expression; refuse others with a message that names `what`."""
     if isinstance(value, Expression):
         return value
     if isinstance(value, Quantity):
@@ -488,7 +488,7 @@ def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
 
 
 def as_load(value: Load | float, what: str) -> Signal | Expression:
-    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression."""
+    """Return a load in its simplest form: a number or signal as a signal, a quantity as an expression."""
     if not isinstance(value, Quantity):
         return as_signal(cast(Any, value), what).read_by(what)
     own = as_expression(value)
@@ -497,7 +497,7 @@ def as_load(value: Load | float, what: str) -> Signal | Expression:
 
 
 def load_from_dict(data: Any, what: str) -> Load:
-    """Return the signal or quantity that `to_dict` wrote; refuse what is none, as `what`."""
+    """Return the signal or quantity that `to_dict` wrote; refuse other data with a message that begins with `what`."""
     kind = data.get("type") if isinstance(data, Mapping) else None
     makers = _MAKERS | {"table": partial(_read_table, what), "expression": partial(_read_expression, what)}
     if not isinstance(kind, str) or kind not in makers:
@@ -527,12 +527,12 @@ def _read_table(what: str, quantity: Any, xs: Any, ys: Any, before: Any = 0.0, a
     own = as_expression(load_from_dict(quantity, f"{what}.quantity"))
     before, after = finite(before, f"{what}.before"), finite(after, f"{what}.after")
     places = sequence(xs, f"{what}.xs")
-    # what limits leave is a table of one point
+    # `saturate` with one limit makes a table of one point, which `table` refuses
     found = table(own, xs, ys) if len(places) > 1 else Table(own, places, sequence(ys, f"{what}.ys"))
     return replace(found, before=before, after=after)
 
 
-# By what files call them the quantities that are made of names.
+# Makers of the quantities that are made of names, by the types that files give them.
 _MAKERS: dict[str, Callable[..., Load]] = {
     maker.__name__: maker for maker in (position, velocity, relative_velocity, stretch, power, output)
 }

@@ -29,7 +29,7 @@ from stickslip.model.quantities import (
 )
 
 _ROUNDOFF = 1e-9
-_COUNTED = re.compile(r"(springs|dampers|forces)\[(\d+)\]")  # what has no name is called so, counted from 0
+_COUNTED = re.compile(r"(springs|dampers|forces)\[(\d+)\]")  # elements without a name: kind and number, from 0
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -100,9 +100,10 @@ class Scene:
 
     @classmethod
     def of_all(cls, scenes: Sequence[Scene]) -> Scene:
-        """Return what any of some scenes has, for drawings; it is not checked, and nothing to simulate.
+        """Return a scene with the elements of all `scenes`, for drawings; it is not checked, and not to be simulated.
 
-        Of elements of one name the last counts, but a body before a drive; of those without a name all different ones.
+        Of elements with one name it has the last, but a drive never replaces a body. Of elements without a name it has
+        all that differ.
         """
         found: dict[Any, Element] = {}
         for scene in scenes:
@@ -132,7 +133,7 @@ class Scene:
 
     @cached_property
     def derived(self) -> dict[str, Any]:
-        """What others have made of the scene, such as its matrices: kept as long as the scene is, never written."""
+        """Data that other modules derive from the scene, such as its matrices: kept with the scene, but not pickled."""
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -167,7 +168,7 @@ class Scene:
                 seen.add(one.name)
 
     def check_quantities(self, load: Quantity, label: str) -> None:
-        """Refuse a quantity of what the scene does not know; `label` is the element that reads it."""
+        """Refuse a quantity of a body, row or block that the scene does not have; `label` is its reader."""
         moving, rows, blocks = self._moving, self._row_named, self._block_named
         for quantity in load.walk():
             if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
@@ -224,7 +225,7 @@ class Scene:
         ----------
         name : str
             Name of the body, drive, block, contact or another row; ``"springs[0]"``, ``"dampers[0]"``, ``"forces[0]"``
-            for what has no name.
+            for elements without a name.
         **changes
             The fields to change.
 
@@ -319,7 +320,8 @@ class Scene:
         """Draw the scene as a schematic and return the matplotlib figure.
 
         Every body is a box; contacts, springs, dampers, gears and clutches are symbols between the boxes that they
-        join, or between a box and the ground. More than a dozen bodies are cut off, and it is said how many.
+        join, or between a box and the ground. Of more than a dozen bodies and drives only the first are drawn; a note
+        gives the number of the others.
 
         Parameters
         ----------
@@ -363,7 +365,7 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
 
 
 def place_in(scene: Scene, among: Sequence[Element], number: int) -> int:
-    """Return the place among all elements of one that stands with a number among those of some kinds."""
+    """Return the place among all elements of the scene of ``among[number]``; `among` are all elements of some kinds."""
     kind = type(among[number])
     first = next(k for k, element in enumerate(scene.elements) if type(element) is kind)
     return first + sum(type(element) is kind for element in among[:number])

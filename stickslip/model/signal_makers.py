@@ -137,9 +137,9 @@ def signal(function: Callable[[float], float], breaks: Iterable[float] = (), per
 
 
 def signal_from_dict(data: Any, what: str, others: Iterable[str] = ()) -> Signal:
-    """Return the signal that `Signal.to_dict` wrote; refuse what is none, as `what`.
+    """Return the signal that `Signal.to_dict` wrote; refuse other data with a message that begins with `what`.
 
-    `others` are types that stand for quantities.
+    `others` are the types of quantities, which the message names, too.
     """
     if not isinstance(data, Mapping):
         return as_signal(data, what)

@@ -21,11 +21,11 @@ from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
-_MOST_PERIODS = 1e6  # looking through so many periods for zeros takes half a minute
-_FASTEST = 1e100  # frequency in 1/s of which powers and products can still be computed
-_SURELY = 1e-12  # part of what adds up in a sum of sines by which it is above 0 for sure
+_MOST_PERIODS = 1e6  # looking for zeros in this many periods takes half a minute
+_FASTEST = 1e100  # largest frequency in 1/s whose powers and products do not overflow
+_SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
-# What a load does where a number or an array of NumPy stands on the left.
+# The method of a load that answers where a number or an array of NumPy stands on the left.
 _REFLECTED: dict[np.ufunc, str] = {
     np.add: "__radd__",
     np.subtract: "__rsub__",
@@ -36,7 +36,7 @@ _REFLECTED: dict[np.ufunc, str] = {
 
 
 class Load:
-    """What may stand as a force or a normal force: a signal, or a quantity of the motion."""
+    """A force, a normal force or an input: a signal, or a quantity of the motion."""
 
     kind: ClassVar[str] = ""
     """What files call it; empty where it is not data."""
@@ -62,7 +62,7 @@ class Load:
         raise TypeError(self._not_linear("abs(x)"))
 
     def __float__(self) -> float:
-        # functions such as math.sin ask for one number
+        # functions such as math.sin call this
         raise TypeError(self._not_linear("math.sin(x)"))
 
     def __lt__(self, other: Any) -> Any:
@@ -75,7 +75,7 @@ class Load:
     __le__ = __gt__ = __ge__ = __lt__
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """NumPy's numbers leave ``+`` and ``*`` to the load; of its functions there is no load."""
+        """Let the load compute ``+`` and ``*`` with NumPy's numbers; refuse NumPy's functions."""
         if ufunc in (np.equal, np.not_equal):
             return ufunc is np.not_equal
         if ufunc in _REFLECTED and inputs[-1] is self:
@@ -83,7 +83,7 @@ class Load:
         raise TypeError(self._not_linear(f"np.{ufunc.__name__}(x)"))
 
     def _not_linear(self, shown: str) -> str:
-        """Return what to write for a function that is not linear."""
+        """Return a message that says what to write for a function that is not linear."""
         if isinstance(self, Signal):
             of_time = re.sub(r"\bx\b", "s(t)", shown)
             return f"signals are only added and scaled; write a function of time: signal(lambda t: {of_time})"
@@ -114,7 +114,7 @@ class Signal(Load):
         return ()
 
     def points(self, start: float, stop: float) -> tuple[float, ...]:
-        """Return the breaks, and the points that are none only because of the values that the signal has there."""
+        """Return the breaks, and the points that would be breaks if the signal had other values there."""
         return self.breaks(start, stop)
 
     @property
@@ -123,9 +123,9 @@ class Signal(Load):
         return None
 
     def parts(self, t: float | None = None) -> Iterator[Signal]:
-        """Yield the lines, sines and functions that add up to the signal from `t` on, or without `t` all that ever do.
+        """Yield the lines, sines and functions that add up to the signal from `t` up to its next break.
 
-        From `t` on they do up to the next break.
+        Without `t`, yield all that are part of the signal at any time.
         """
         yield self
 
@@ -138,7 +138,7 @@ class Signal(Load):
         return self
 
     def read_by(self, what: str) -> Signal:
-        """Return the signal of something: messages about its functions begin with that."""
+        """Return the signal as read by `what`: messages about its functions begin with that."""
         return self
 
     def scaled(self, factor: float) -> Signal:
@@ -332,7 +332,7 @@ class Sine(Signal):
     offset: float = 0.0
 
     def checked(self) -> Self:
-        """Return the sine; refuse a frequency of whose powers there are no numbers."""
+        """Return the sine; refuse a frequency whose powers would overflow."""
         if abs(self.frequency) > _FASTEST:
             raise ValueError(f"sine: frequency must be at most {_FASTEST:g} in size, got {self.frequency:g}")
         return self
@@ -386,13 +386,13 @@ class Function(Signal):
         return self.factor * value
 
     def _beyond(self, t: float, limit: float) -> float:
-        """Go on as the parabola that the function is near its limit."""
+        """Return the value at `t` beyond a `limit` of the time span, extrapolated by a parabola."""
         half = 0.5 * (self.limits[1] - self.limits[0])
         d = max(-half, min(t - limit, half))
         return 3 * self.at(limit) - 3 * self.at(limit - d) + self.at(limit - 2 * d)
 
     def slope(self, t: float) -> float:
-        """Return a difference quotient of second order that looks across no break and no limit."""
+        """Return a difference quotient of second order; no break and no limit lies between its points."""
         h = 3e-6 * self.shortest_period if self.shortest_period else 1e-5
         times = self.break_times
         i = bisect_right(times, t)
@@ -406,12 +406,12 @@ class Function(Signal):
         return (4 * self.at(t + h) - 3 * self.at(t) - self.at(t + 2 * h)) / (2 * h) if h else 0.0
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
-        """Return the breaks that were named."""
+        """Return the given breaks between `start` and `stop`."""
         return self.break_times[bisect_right(self.break_times, start) : bisect_left(self.break_times, stop)]
 
     @property
     def period(self) -> float | None:
-        """The period that was named."""
+        """The given period; inf if none was given."""
         return math.inf if self.shortest_period is None else self.shortest_period
 
     def scaled(self, factor: float) -> Signal:
@@ -423,7 +423,7 @@ class Function(Signal):
         return replace(self, limits=(start, stop))
 
     def read_by(self, what: str) -> Signal:
-        """Return the function with what reads it, for messages."""
+        """Return the function as read by `what`, for messages."""
         return replace(self, reader=what)
 
     def to_dict(self) -> Any:
@@ -476,7 +476,7 @@ class Sum(Signal):
         return Sum(tuple(term.within(start, stop) for term in self.terms))
 
     def read_by(self, what: str) -> Signal:
-        """Return the sum with what reads it."""
+        """Return the sum as read by `what`."""
         return Sum(tuple(term.read_by(what) for term in self.terms))
 
     def scaled(self, factor: float) -> Signal:
@@ -490,7 +490,7 @@ class Sum(Signal):
 
 @dataclass(frozen=True)
 class Clipped(Signal):
-    """``max(0, base)`` within one time span; `positive` tells between which kinks the base is."""
+    """``max(0, base)`` within one time span; `positive` says before, between and after `kinks` whether the base is."""
 
     base: Signal
     kinks: tuple[float, ...]
@@ -498,7 +498,7 @@ class Clipped(Signal):
 
     @classmethod
     def of(cls, base: Signal, start: float, stop: float) -> Signal:
-        """Find the zero crossings of a curved signal, each by root finding."""
+        """Return a curved signal cut off where it is negative; its zero crossings are found as roots."""
         base = base.within(start, stop)
         least, size = _lower_bound(base)
         if least > _SURELY * size:
@@ -524,7 +524,7 @@ class Clipped(Signal):
         return max(0.0, self.base.at(t)) if self._is_positive(t) else 0.0
 
     def slope(self, t: float) -> float:
-        """Return the slope of the base, 0 where that is cut off."""
+        """Return the slope of the base, 0 where the base is cut off."""
         return self.base.slope(t) if self._is_positive(t) else 0.0
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
@@ -537,7 +537,7 @@ class Clipped(Signal):
         return self.base.period
 
     def parts(self, t: float | None = None) -> Iterator[Signal]:
-        """Yield the parts of the base, none where that is cut off."""
+        """Yield the parts of the base, none where the base is cut off."""
         if t is None or self._is_positive(t):
             yield from self.base.parts(t)
 
@@ -547,7 +547,7 @@ class Clipped(Signal):
 
 
 def _lower_bound(signal: Signal) -> tuple[float, float]:
-    """Return what a signal is never below, -inf where that is not known, and what adds up in that."""
+    """Return a lower bound of a signal, -inf where none is known, and the sum of the sizes of its parts."""
     least = size = 0.0
     for part in signal.parts():
         match part:
@@ -566,14 +566,14 @@ def _lower_bound(signal: Signal) -> tuple[float, float]:
 def time_scale(signal: Signal, span: float) -> float:
     """Return the shortest period of a signal, infinite if it is piecewise linear.
 
-    Of a function that does not tell its period, a tenth of the time span is all that anybody can hope to see.
+    For a function whose period is not known, a tenth of the time span is assumed.
     """
     periods = [part.period for part in signal.parts() if part.period is not None]
     return min((span / 10 if math.isinf(period) else period for period in periods), default=math.inf)
 
 
 def as_signal(value: Signal | float, what: str) -> Signal:
-    """Return a number as a constant signal and a signal as it is; refuse what is neither, as `what`."""
+    """Return a number as a constant signal and a signal as it is; refuse others, with a message about `what`."""
     if isinstance(value, Signal):
         return value
     if callable(value):
@@ -585,7 +585,7 @@ def as_signal(value: Signal | float, what: str) -> Signal:
 
 
 def _is_quantity(value: object) -> bool:
-    """Tell whether a summand is a quantity, which knows how to add signals."""
+    """Tell whether a summand is a quantity: quantities add signals themselves."""
     return isinstance(value, Load) and not isinstance(value, Signal)
 
 

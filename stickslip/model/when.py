@@ -17,16 +17,17 @@ class When(metaclass=NamedArguments):
     stop=True)`` ends a run there. That a quantity leaves 0 again is no event. An event changes nothing in the motion;
     it is located as exactly as a change of mode, noted among the events, and may stop the simulation. A function that
     rises and falls within less than a step needs `max_step` of `simulate`.
-    What is 0 where a run begins or ends has no sign there: a crossing in that instant is no event of either run.
+    A quantity that is 0 where a run begins or ends has no sign there: a crossing in that instant is an event of neither
+    run.
 
     Parameters
     ----------
     name : str
         What the event is called: `Event.contact` holds it.
     quantity : Quantity or Signal
-        What crosses 0, such as ``position("m") - 0.5`` or ``feedback(function, ...)``.
+        The quantity that crosses 0, such as ``position("m") - 0.5`` or ``feedback(function, ...)``.
     direction : int
-        +1 for what comes from below only, -1 for what comes from above, 0 for both.
+        +1 for crossings from below only, -1 for crossings from above only, 0 for both.
     stop : bool
         Whether the simulation ends there.
 

@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 # Every kind of element by the name of its table in a scene, in the order in which elements are entered: bodies and
-# drives before what joins them, contacts before the other rows.
+# drives before the elements that join them, contacts before the other rows.
 KINDS: dict[str, type[Element]] = {
     "bodies": Body,
     "drives": Drive,

@@ -1,4 +1,4 @@
-"""What elements of a scene have in common, by what they are: named, moving, between two bodies, a row."""
+"""Base classes of the elements of a scene: named, moving, between two bodies, with a row."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signals import Load
 
-# How a body moves: it decides the units that tables and drawings show, and no number.
+# How a body moves. This decides the units that tables and drawings show, and changes no number.
 MotionKind = Literal["rotation", "translation"]
 
 
 class Element(metaclass=NamedArguments):
-    """A part of a scene; what its arguments cannot be is a TypeError or a ValueError that names element and value."""
+    """A part of a scene; a wrong argument is a TypeError or a ValueError that names the element and the value."""
 
     called: ClassVar[str] = ""
 
     @classmethod
     def noun(cls) -> str:
-        """What the kind of element is called in prose: as its class says, else by the name of that."""
+        """Return how prose names the kind of element: `called`, or else the name of the class in lower case."""
         return cls.called or cls.__name__.lower()
 
     @property
@@ -54,7 +54,7 @@ class Element(metaclass=NamedArguments):
         return tuple(value for value in values if isinstance(value, Quantity))
 
     def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
-        """Refuse names of bodies that the scene does not know, and what nothing can move.
+        """Refuse names of bodies that the scene does not know, and an element of which no end is free to move.
 
         `free` are the names of the free bodies, `known` those of drives and the ground, too.
         """
@@ -105,7 +105,7 @@ class Moving(Named):
     motion: MotionKind | None
 
     def __post_init__(self) -> None:
-        """Check what a body and a drive have in common; a contact may be called what it likes."""
+        """Check name, motion and position; only bodies and drives cannot have the name of the ground."""
         super().__post_init__()
         if self.name == GROUND:
             raise ValueError(
@@ -160,7 +160,7 @@ class Radii(Link):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """What the velocities of the ends are multiplied by in the relative velocity."""
+        """The factors of the velocities of the ends in the relative velocity."""
         return {self.a: self.radius_a, self.b: -self.radius_b}
 
     @property
@@ -189,7 +189,7 @@ class Radii(Link):
 
 
 def check_motion(motion: Any, label: str, default: str) -> None:
-    """Refuse what is no kind of motion."""
+    """Refuse a `motion` that is no kind of motion; `default` ends the message: what leaving it out means."""
     if motion is not None and not (isinstance(motion, str) and motion in get_args(MotionKind)):
         raise ValueError(f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}")
 

@@ -21,7 +21,7 @@ from stickslip.model.quantities import Expression, as_expression
 from stickslip.model.signals import Load
 
 BlockFunction = Callable[[float, Array, Array], Any]
-BlockInputs = Sequence[Load | float]  # what inputs are given as; a block holds them as expressions
+BlockInputs = Sequence[Load | float]  # inputs as users give them; a block holds them as expressions
 Numbers = Sequence[float]
 
 _VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS
@@ -29,7 +29,7 @@ _MOST_SAMPLES = 1e7
 
 
 class AnyBlock(Named):
-    """What all blocks have: a name, inputs, and states at the start."""
+    """Base class of all blocks: a name, inputs, and states at the start."""
 
     inputs: BlockInputs
     states: Numbers | None
@@ -49,7 +49,7 @@ class AnyBlock(Named):
 
     @property
     def output_count(self) -> int | None:
-        """How many outputs it has; None where only its function tells."""
+        """How many outputs it has; None where this is unknown until its function is called."""
         count: int | None = getattr(self, "outputs", None)
         return count
 
@@ -73,9 +73,9 @@ class AnyBlock(Named):
         return numbers
 
     def _check_code(self, advance: str, outputs_are_states: bool) -> None:
-        """Check states, the function that advances them, the one of the outputs, and how many of these there are.
+        """Check the states, the function named `advance`, the function `output`, and the number of outputs.
 
-        Without a function of the outputs the states may be these.
+        If `outputs_are_states`, a block with states may leave `output` out: its outputs are then its states.
         """
         states, outputs = self._numbers("states"), getattr(self, "outputs", None)
         needs_output = not (states and outputs_are_states)
@@ -97,7 +97,10 @@ class AnyBlock(Named):
         count: int,
         exactly: bool,
     ) -> list[float]:
-        """Return so many finite numbers of one of the block's functions; a ValueError says what is wrong."""
+        """Return `count` finite numbers from the block's function `name`; a ValueError says what is wrong.
+
+        The function returns `count` numbers `exactly`, or may return more.
+        """
         try:
             found = np.array(getattr(self, name)(t, np.array(x, dtype=float), np.array(u, dtype=float)), dtype=float)
         except Exception as error:
@@ -153,7 +156,7 @@ class Block(AnyBlock):
 
     @property
     def output_count(self) -> int | None:
-        """How many outputs it has; None where only its function tells."""
+        """How many outputs it has; None where this is unknown until its function is called."""
         return len(self.states) if self.output is None else self.outputs
 
     @property
@@ -321,7 +324,7 @@ class Sampled(AnyBlock):
     first : float, optional
         Time in s of the first sample, or of one before the start; by default the start of the simulation.
     held : sequence of float
-        What the outputs are until the first sample, by default 0.
+        The outputs until the first sample, by default 0.
 
     Raises
     ------
@@ -386,21 +389,21 @@ class Sampled(AnyBlock):
 
 
 def _instant(first: float, period: float, k: int) -> float:
-    """Return ``first + k period``, rounded once: as decimals 3 times 0.1 is 0.3, where a load may jump."""
+    """Return ``first + k period``, computed in decimals and rounded once: 3 times 0.1 is 0.3, where a load may jump."""
     a, b, whole = _decimals(first, period)
     return (a + k * b) / whole
 
 
 @lru_cache(maxsize=64)
 def _decimals(first: float, period: float) -> tuple[int, int, int]:
-    """Return two numbers, as their shortest decimals tell them, as parts of one whole."""
+    """Return the numerators of the shortest decimals of two numbers over a common denominator, and that."""
     a, b = Fraction(str(float(first))), Fraction(str(float(period)))
     whole = math.lcm(a.denominator, b.denominator)
     return int(a * whole), int(b * whole), whole
 
 
 def _reads_inputs(function: Any) -> bool:
-    """Tell whether a function of t, x and u reads u; one whose code cannot be looked at is taken to."""
+    """Tell whether a function of t, x and u reads u; True, too, where its code cannot be inspected."""
     bound = int(inspect.ismethod(function))
     code = getattr(function, "__code__", None)
     if code is None or code.co_argcount < 3 + bound or code.co_flags & (_VARARGS | _KEYWORDS):

@@ -29,10 +29,10 @@ class RowEntry:
     deflection: float = 0.0  # of its bristles at the start, in m or rad
     slipping: bool = False  # whether it starts as one that has slipped
     restitution: float = 0.0  # of impacts
-    # of a gap and a stop: a continuous piecewise-linear function of its stretch and of the rate of that. In
-    # each set of modes it is in one of its regions, which the row shows; their borders are guards like all
-    # others, and name each other by their place in this sequence. The value is the force of a gap; that of a
-    # stop has none
+    # Of a gap or a stop: the regions of a continuous piecewise-linear function of its stretch and of the rate of
+    # its stretch. A set of modes includes one region of each function; the row shows the mode of that region. The
+    # borders of a region are guards. Each border gives the place in this sequence of the region beyond it. The
+    # value of the function is the force of a gap; for a stop it is 0 and not used.
     regions: Sequence[Region] = ()
     # of a gap: returns the size of its force in N, so that it may press a contact
     pressing: Callable[[], Quantity] | None = None
@@ -50,14 +50,14 @@ class Coupling:
 
 
 class Book:
-    """What elements enter, in the order of the elements, and loads that are observed without acting on anything.
+    """Everything that elements have entered, in the order of the elements, and `observed` loads that act on nothing.
 
     Each body, drive and row has a number; bodies come before drives, and the ground last.
     """
 
     def __init__(self, elements: Iterable[Any], observed: Sequence[Load] = ()) -> None:
         self.observed = list(observed)
-        # these three hold elements
+        # the elements themselves
         self.bodies: list[Any] = []
         self.drives: list[Any] = []
         self.blocks: list[Any] = []

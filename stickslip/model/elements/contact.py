@@ -34,10 +34,11 @@ class Contact(Row, Radii):
         Of the bristles at the start, in m or rad; laws without bristles have none.
     slipping : bool
         Whether a contact with a pre-slip velocity has slipped already: above a tenth of that velocity it then starts on
-        its kinetic level (frictional memory). A contact within Karnopp's dead band moves on if it has left rest there.
+        its kinetic level (frictional memory). Within Karnopp's dead band: whether it has broken away there; it then
+        moves on.
     radius_a, radius_b : float
-        What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
-        force in N into a torque in N m.
+        Factors of the velocities of `a` and `b`; not 0. A radius in m turns rad/s into m/s, and the force in N into
+        a torque in N m.
 
     Raises
     ------

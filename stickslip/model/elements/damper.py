@@ -21,8 +21,8 @@ class Damper(Radii):
     damping : float
         In N s/m or N m s/rad, not negative.
     radius_a, radius_b : float
-        What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
-        force in N into a torque in N m.
+        Factors of the velocities of `a` and `b`; not 0. A radius in m turns rad/s into m/s, and the force in N into
+        a torque in N m.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class Force(Element):
         return f"force on {self.body!r}"
 
     def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
-        """Refuse a force on what no force can move."""
+        """Refuse a force on anything but a free body."""
         if self.body not in free:
             remedy = f"known bodies are {listed(free)}"
             if self.body in known:

@@ -20,9 +20,9 @@ class Gap(Row, Radii):
     """A gap: free between its limits, an elastic stop beyond them. It never pulls.
 
     Its stretch is ``s = radius_a x_a - radius_b x_b``. Beyond a limit, with the penetration d > 0 and its rate d', it
-    pushes back with ``k d + clip(c d', -k d, k d)``: the force starts from 0, and damping alone neither pulls nor
-    pushes (the law of ElastoGap in the Modelica Standard Library). Its force r acts with ``-radius_a r`` on `a` and
-    ``+radius_b r`` on `b`, so it is positive at the upper limit and negative at the lower one.
+    pushes back with ``k d + clip(c d', -k d, k d)``: the force starts from 0, and the damper force is never larger
+    than the spring force (the law of ElastoGap in the Modelica Standard Library). Its force r acts with ``-radius_a r``
+    on `a` and ``+radius_b r`` on `b`, so it is positive at the upper limit and negative at the lower one.
 
     Its modes are OPEN between the limits, FORWARD beyond the upper one and BACKWARD beyond the lower one. Each change
     of mode is an event. Where the clip begins or ends to act the force has a corner: that is located, too, but it is
@@ -41,7 +41,7 @@ class Gap(Row, Radii):
     damping : float
         c in N s/m or N m s/rad, not negative.
     radius_a, radius_b : float
-        What the positions of `a` and `b` are multiplied by; not 0.
+        Factors of the positions of `a` and `b`; not 0.
 
     Raises
     ------
@@ -75,14 +75,14 @@ class Gap(Row, Radii):
         book.row(self.name, self.coefficients, kind="gap", regions=self._regions(), pressing=self._pressing)
 
     def _pushes(self, stretch: Any, rate: Any, one: Any = 1.0) -> Iterator[tuple[Mode, Any, Any, Any]]:
-        """Yield the mode beyond each limit, how deep it is passed, and what spring and damper push back there."""
+        """Yield for each limit the mode beyond it, the penetration, and the forces of spring and damper there."""
         for side, limit in ((Mode.FORWARD, self.upper), (Mode.BACKWARD, self.lower)):
             if isfinite(limit):
                 depth = side * (stretch - limit * one)
                 yield side, depth, self.stiffness * depth, self.damping * side * rate
 
     def _pressing(self) -> Quantity:
-        """Return the size of its force: ``max(0, min(2 k d, k d + c d'))`` beyond a limit, as a sum of both."""
+        """Return the size of its force: ``max(0, min(2 k d, k d + c d'))``, summed over both limits."""
         found: Quantity = 0.0 * stretch(self.name)
         for _, _, push, drag in self._pushes(stretch(self.name), relative_velocity(self.name)):
             clipped = push + drag - saturate(drag - push, 0.0, inf) if self.damping else push
@@ -90,7 +90,7 @@ class Gap(Row, Radii):
         return found
 
     def _regions(self) -> list[Region]:
-        """Return the regions: open, then those beyond each limit, where the clip does not act and where it does."""
+        """Return the regions: open, then for each limit those beyond it, with damping clipped, not clipped, clipped."""
         regions: list[Region] = []
         ways_out: list[tuple[Array, int]] = []
         for side, depth, push, drag in self._pushes(STRETCH, RATE, ONE):
@@ -99,7 +99,7 @@ class Gap(Row, Radii):
                 ways_out.append((-depth, first))
                 regions.append(Region(side * push, ((depth, 0),), side))
                 continue
-            # what touches goes inwards: the damping would push more than the spring
+            # A touch enters the first region: the penetration is 0, so that the damping is more than the spring force.
             inwards, between, outwards = first, first + 1, first + 2
             ways_out.append((-depth, inwards))
             regions += [

@@ -23,7 +23,7 @@ class OneWay(Row, Radii):
     a, b : str
         Names of bodies or drives, or GROUND.
     radius_a, radius_b : float
-        What the velocities of `a` and `b` are multiplied by; not 0.
+        Factors of the velocities of `a` and `b`; not 0.
 
     Raises
     ------

@@ -24,8 +24,8 @@ class Spring(Radii):
     rest : float
         Stretch in m or rad at which the spring is free of force.
     radius_a, radius_b : float
-        What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
-        force in N into a torque in N m.
+        Factors of the velocities of `a` and `b`; not 0. A radius in m turns rad/s into m/s, and the force in N into
+        a torque in N m.
 
     Raises
     ------

@@ -17,8 +17,8 @@ class Stop(Row, Radii):
 
     Where s comes to a limit with the relative velocity w it rebounds with ``w+ = -e w-`` (Newton). Ties, locked one-way
     clutches and closed stops hand the impulse on; friction does not, because its force is finite. Where the rebound
-    would be slower than the velocity margin, and where e is 0, the stop closes: then s stays, and its force r is
-    whatever keeps it so, until it comes to 0. The force acts with ``-radius_a r`` on `a` and ``+radius_b r`` on `b`: it
+    would be slower than the velocity margin, and where e is 0, the stop closes: its force r then keeps s at the limit,
+    until r comes to 0. The force acts with ``-radius_a r`` on `a` and ``+radius_b r`` on `b`: it
     is positive at the upper limit and negative at the lower one.
 
     Its modes are OPEN between the limits, FORWARD while it is closed at the upper one, and BACKWARD at the lower one.
@@ -35,7 +35,7 @@ class Stop(Row, Radii):
     restitution : float
         e, from 0 (no rebound) to 1 (no loss).
     radius_a, radius_b : float
-        What the positions of `a` and `b` are multiplied by; not 0.
+        Factors of the positions of `a` and `b`; not 0.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class Stop(Row, Radii):
             raise ValueError(f"{self.label}: restitution must be within [0, 1], got {self.restitution:g}")
 
     def place(self, book: Book) -> None:
-        """Enter a row, and regions that show on which side of its limits it is."""
+        """Enter a row, and its regions: between the limits, at the upper one, at the lower one."""
         none = 0.0 * ONE
         borders = [(self.upper * ONE - STRETCH, 1)] if isfinite(self.upper) else []
         borders += [(STRETCH - self.lower * ONE, 2)] if isfinite(self.lower) else []

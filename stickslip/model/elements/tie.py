@@ -54,7 +54,7 @@ class Tie(Held):
         object.__setattr__(self, "coefficients", MappingProxyType(checked))
 
     def __reduce__(self) -> tuple[type[Tie], tuple[str, dict[str, float]]]:
-        """What cannot be written to cannot be pickled either."""
+        """Pickle the coefficients as a dict: a read-only mapping cannot be pickled."""
         return type(self), (self.name, dict(self.coefficients))
 
     def __repr__(self) -> str:

@@ -22,17 +22,17 @@ class Character:
     """
 
     sticks: bool = False  # at rest its force is whatever keeps it there, within ``mu_st N`` on both sides
-    # a binary state tells whether its force builds up with velocity, as its kernel says, or is ``mu_k N``
+    # a binary slip state: where it is false, the kernel gives the force; where it is true, the force is ``mu_k N``
     has_slip_state: bool = False
-    # relative velocity in m/s or rad/s from which it slips; without modes, from which it is said to slip
+    # relative velocity in m/s or rad/s from which it slips; without modes, from which it is shown as slipping
     slips_beyond: float = 0.0
-    # relative velocity in m/s or rad/s below which a slipping contact counts as at rest, or no longer slips
+    # relative velocity in m/s or rad/s below which a slipping contact sticks, or its slip state becomes false
     rests_below: float = 0.0
-    # range of relative velocity in m/s or rad/s in which its force turns over: the tolerances resolve it
+    # range of relative velocity in m/s or rad/s in which its force changes sign: the tolerances resolve it
     resolution: float = math.inf
     # force in N or N m per unit of a state of its own, a bristle; None where it has none
     stiffness: float | None = None
-    # what makes its force depend on velocity: then the motion has no Taylor series. Empty where nothing does
+    # what makes its force depend on velocity, in words; then the motion has no Taylor series. Empty where nothing does
     velocity_dependent: str = ""
 
 
@@ -51,7 +51,7 @@ class Use:
 
     @property
     def normal(self) -> Signal | None:
-        """The normal force in N, None where it depends on the motion: that is only known as it goes."""
+        """The normal force in N; None where it depends on the motion, and is not known before the run."""
         pressed = as_expression(self.load)
         return None if pressed.terms else pressed.signal
 
@@ -59,8 +59,9 @@ class Use:
 class Kernel:
     """Forces of some contacts of one law that depend on their velocities.
 
-    The methods take relative velocities `w`, normal forces, the part ``exp(-(t - t_start)/tau)`` of ``mu_s - mu_c``
-    that the dwell still withholds, and the contacts' own states `z`: arrays (k,), and but for slopes (k, times), too.
+    The methods take relative velocities `w`, normal forces, `lag`, which is the part ``exp(-(t - t_start)/tau)`` of
+    ``mu_s - mu_c`` by which the static coefficient has not risen yet, and the contacts' own states `z`: arrays (k,).
+    Those that do not return derivatives also take arrays (k, times).
     """
 
     has_state: ClassVar[bool] = False
@@ -74,10 +75,11 @@ class Kernel:
         raise NotImplementedError
 
     def in_floats(self, place: int) -> Callable[..., Any] | None:
-        """Return the force of one contact as a function of `w` and normal force, which may be negative, as floats.
+        """Return a function of two floats, `w` and normal force, that returns the force of one contact.
 
-        With a state it is a function of that, too, which returns force and rate. It is None where there is none, or
-        where the dwell withholds some of the force.
+        The normal force may be negative. If the contact has a state of its own, this is a third argument, and the
+        function returns the force and the rate of the state. None if there is no such function, or if the force
+        depends on `lag`.
         """
         return None
 
@@ -86,7 +88,7 @@ class Kernel:
         raise NotImplementedError
 
     def left_out(self, w: Array, normal: Array) -> Array:
-        """Return what these lack of the true ones, where a solver needs flatter ones."""
+        """Return the true derivatives minus `slopes`, where those are flatter than the true ones to help a solver."""
         return np.zeros_like(w)
 
     def rates(self, w: Array, normal: Array, z: Array) -> Array:
@@ -98,11 +100,11 @@ class Kernel:
         raise NotImplementedError
 
     def relaxation(self, w: Array, normal: Array) -> Array:
-        """Return the rates at which the states of their own relax."""
+        """Return the rates at which the contacts' own states relax."""
         raise NotImplementedError
 
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
-        """Return the derivatives of forces and rates with respect to normal forces: forces are multiples of these."""
+        """Return the derivatives of forces and rates with respect to normal forces; here forces are proportional."""
         force = self.forces(w, normal, lag, z)
         return np.divide(force, normal, out=np.zeros_like(force), where=normal > 0), np.zeros_like(z)
 

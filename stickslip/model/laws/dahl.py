@@ -14,7 +14,7 @@ class Dahl(BristleLaw):
     """The Dahl model: ``r = sigma_0 z``, ``z' = w - sigma_0 |w| z / (mu_k N)`` (Dahl 1968).
 
     Sliding one way from rest, ``r = mu_k N (1 - exp(-sigma_0 x / (mu_k N)))``, whatever the speed. As with
-    `LuGre`, bristles that nothing presses are straight, and a normal force that rises from nearly 0 is refused.
+    `LuGre`, z is 0 in an open contact, and a normal force that rises from nearly 0 is refused.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Dahl(BristleLaw):
     Raises
     ------
     ValueError, TypeError
-        If the stiffness is not positive, or only the Coulomb friction 0.
+        If the stiffness is not positive, or the Coulomb coefficient is 0 and the static one is not.
     """
 
     law: DryFriction

@@ -1,4 +1,4 @@
-"""What every friction law is, and the law from which all others take their coefficients."""
+"""The base class of friction laws, and the law from which all others take their coefficients."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from stickslip.model.laws.kinetic import Kinetic
 
 _MAKERS: dict[str, type[Law]] = {}
 
-# Part of the static coefficient by which a curve may exceed it at rest: what sums in it may be rounded up.
+# Part of the static coefficient by which a kinetic curve may exceed it at rest, because sums are rounded.
 _ROUNDOFF = 1e-12
 
 
 class Law(metaclass=NamedArguments):
     """A friction law of a contact: held within an interval, or moving with a force.
 
-    While it slips in a known direction its force is ``sign(w) mu_k(|w|) N``, while it is held it lies within
-    ``mu_st N`` on both sides; `character` says when. Other forces are its `kernel`. A law other than `DryFriction` has
-    an attribute `law` with these coefficients.
+    While a contact slips in a known direction its force is ``sign(w) mu_k(|w|) N``; while it is held the force lies
+    within ``mu_st N`` on both sides. `character` says when it is held and when it slips. In all other cases `kernel`
+    gives the force. A law other than `DryFriction` has an attribute `law` with these coefficients.
     """
 
     law: DryFriction
@@ -41,7 +41,7 @@ class Law(metaclass=NamedArguments):
 
     @property
     def kernel(self) -> type[Kernel]:
-        """Its forces where they depend on velocity and it does not slip in a known direction."""
+        """The class of its forces where they depend on velocity and the contact does not slip in a known direction."""
         raise NotImplementedError
 
     def check_use(self, use: Use) -> None:
@@ -84,7 +84,7 @@ def register(law: type[Law]) -> type[Law]:
 
 
 class CurveError(ValueError):
-    """A kinetic curve gives no coefficient; `law` is the one that has it."""
+    """A kinetic curve returns no valid coefficient; `law` is the law of that curve."""
 
     def __init__(self, law: DryFriction, told: str) -> None:
         super().__init__(f"DryFriction: {told}")
@@ -102,8 +102,8 @@ class DryFriction(Law):
     ``mu_st = mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)`` for a dwell time ``tau > 0`` and
     ``mu_st = mu_s`` for ``tau = 0`` (Breedveld 2000, eqs. 8 and 9).
 
-    A contact cannot stick at less than it resists slow slip: with a kinetic curve, mu_c in ``mu_st`` is ``mu_k(0)``.
-    On a Stribeck curve that is mu_s, so that a dwell time has no effect there.
+    Sticking friction is never less than friction in slow slip: with a kinetic curve, mu_c in ``mu_st`` becomes
+    ``mu_k(0)`` if that is larger. On a Stribeck curve ``mu_k(0)`` is mu_s, so that a dwell time has no effect there.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ class DryFriction(Law):
     mu_static_backward, mu_coulomb_backward : float, optional
         Coefficients for ``w < 0`` of an anisotropic contact.
     kinetic : callable, optional
-        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0; it may rise above mu_s, and beside it mu_c
-        counts only with a dwell time, where it is more than ``mu_k(0)``. A curve that rises and falls within what a
-        step passes needs `max_step` of `simulate`.
+        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0; it may rise above mu_s. Beside it mu_c is
+        used only with a dwell time, and only if it is more than ``mu_k(0)``. A curve that rises and falls within the
+        range of speeds that one step covers needs `max_step` of `simulate`.
 
     Raises
     ------
@@ -223,7 +223,7 @@ class DryFriction(Law):
         return max(self.mu_c(direction), 0.0 if self.kinetic is None else self.kinetic_at(0.0))
 
     def kinetic_at(self, speed: float) -> float:
-        """Return the value of `kinetic`; a ValueError says where it is no coefficient."""
+        """Return the value of `kinetic`; a `CurveError` says where it is no valid coefficient."""
         assert self.kinetic is not None
         try:
             mu = float(self.kinetic(speed))
@@ -236,14 +236,14 @@ class DryFriction(Law):
     def self_energised(self, gain: float) -> DryFriction:
         """Return the law of a contact that friction presses on or off: ``N = N0 + gain r``.
 
-        Slipping with ``r = s mu N`` it has ``r = s mu N0 / (1 - s mu gain)``: forward and backward coefficients differ,
-        and N0 is the normal force to give. The leading shoe of a drum brake has a positive gain.
+        Slipping in direction ``s`` with ``r = s mu N`` it has ``r = s mu N0 / (1 - s mu gain)``: forward and backward
+        coefficients differ, and N0 is the normal force to give. The leading shoe of a drum brake has a positive gain.
 
         Parameters
         ----------
         gain : float
-            Normal force per friction force in forward slip, N/N. Of a shoe with lever arms b of its normal force and c
-            of its friction force it is c / b.
+            Normal force per friction force in forward slip, N/N. For a shoe whose normal force has the lever arm b and
+            whose friction force has the lever arm c it is c / b.
 
         Raises
         ------
@@ -272,7 +272,7 @@ class DryFriction(Law):
 
 
 def law_from_dict(data: Any, what: str) -> Law:
-    """Return the law that `Law.to_dict` wrote; refuse what is none, as `what`."""
+    """Return the law that `Law.to_dict` wrote; refuse other data with a message that begins with `what`."""
     if not isinstance(data, Mapping):
         raise TypeError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
     values = dict(data)

@@ -13,10 +13,10 @@ from stickslip.model.laws.dry_friction import DryFriction, Law, register
 class Karnopp(Law):
     """Karnopp's dead band: a contact counts as stuck as soon as ``|w|`` falls to ``velocity`` (Karnopp 1985).
 
-    What has broken away moves on through the band: it is stuck where it comes back, or at ``w = 0``. The energy of the
-    motion that ends at the edge of the band is lost: the ledger shows it as an error. Only for a contact to the ground
-    or to a drive: within the band one body's velocity is set to the other's, which for two moving bodies would invent
-    momentum (Breedveld 2000, section 3).
+    A contact that has broken away moves on through the band: it sticks when it comes back into the band, or at
+    ``w = 0``. The energy of the motion that ends at the edge of the band is lost: the energy ledger shows it as an
+    error. Only for a contact to the ground or to a drive: within the band one body's velocity is set to the other's,
+    which for two moving bodies would invent momentum (Breedveld 2000, section 3).
 
     Parameters
     ----------

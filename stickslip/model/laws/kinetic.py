@@ -12,16 +12,17 @@ from stickslip.model.arrays import Array, Mask
 from stickslip.model.laws.base import Kernel
 
 _UNDERFLOW = 745.0
-_BESIDE = 1e-100  # part of the Stribeck velocity that is as good as rest
+_BESIDE = 1e-100  # part of the Stribeck velocity at which a curve has the slope that it has just beside rest
 
-# Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper.
+# Part of the Stribeck velocity below which `Kinetic.slope` of a curve of infinite slope at rest no longer grows.
 _STEEPEST = 1e-3
 
 
 class Kinetic:
     """Kinetic coefficients of some contacts, ``mu_c + (mu_s - mu_c) exp(-(|w|/v_s)^delta)`` or a function.
 
-    `curves` are laws of dry friction, one per contact. `backward` says which slip backward; without it `w` tells.
+    `curves` are laws of dry friction, one per contact. `backward` says which contacts slip backward; without it the
+    sign of `w` does.
     """
 
     def __init__(self, curves: Sequence[Any], backward: Mask | None = None) -> None:
@@ -34,7 +35,7 @@ class Kinetic:
         self._level, self._fall = level, fall
         self._velocity = np.array([1.0 if v is None else v for v in velocity])
         self.exponent = np.array([c.stribeck_exponent for c in curves])
-        # beyond this speed the exponential is 0, and its argument may overflow
+        # beyond this speed the exponential is 0; the speed is limited to it, because the power may overflow
         with np.errstate(over="ignore"):
             self._gone = self._velocity * _UNDERFLOW ** (1.0 / self.exponent)
         self._steepest = np.where(self.exponent < 1, _STEEPEST * self._velocity, 0.0)
@@ -73,15 +74,15 @@ class Kinetic:
         return lambda speed: level + fall * math.exp(-((min(speed, gone) / velocity) ** exponent))
 
     def slope(self, w: Array) -> Array:
-        """Return the derivatives with respect to speed at `w` (k,), as they help a solver.
+        """Return the derivatives with respect to speed at `w` (k,), limited near rest to help a solver.
 
-        Where the exponent is below 1 they grow beyond limits towards rest. Newton's method with these is thrown across
-        the rest that a contact has just left, which ends in a storm of events: there they are cut off.
+        With an exponent below 1 the true derivatives grow without bound towards rest. With these, Newton's method in
+        the solver would step back across the rest that a contact has just left, and that would cause a storm of events.
         """
         return self._slope(w, self._steepest)
 
     def left_out(self, w: Array) -> Array:
-        """Return by how much the curve is steeper than that at `w` (k,); at 0 as it is beside it."""
+        """Return the true derivatives minus `slope` at `w` (k,); at 0 the true one is that just beside 0, if finite."""
         beside = np.where((w == 0) & (self.exponent >= 1), _BESIDE * self._velocity, w)
         if not ((self._steepest > np.abs(w)) | (beside != w)).any():
             return np.zeros_like(w)
@@ -108,7 +109,7 @@ class Kinetic:
 
 
 def _difference(kinetic: Callable[[float], float], speed: float) -> float:
-    """Return the slope of a function by a difference that stays on the side of positive speeds."""
+    """Return the slope of a function by a difference of its values at speeds that are not negative."""
     h = 1e-6 * max(speed, 1e-3)
     left, right = max(speed - h, 0.0), speed + h
     return (kinetic(right) - kinetic(left)) / (right - left)
@@ -117,8 +118,9 @@ def _difference(kinetic: Callable[[float], float], speed: float) -> float:
 class Slipping(Kernel):
     """Slip in a known direction, with a kinetic coefficient that depends on speed.
 
-    The step in which a contact comes to rest ends beyond it. There the curve is turned round its value at rest, so that
-    it has no kink within the step; a curve that is vertical at rest stays level. `sign` (k,) are the directions.
+    The solver step in which a contact comes to rest ends beyond rest, where `w` has the other sign. The curve is
+    continued there by point reflection at its value at rest, so that it has no kink within the step. A curve that is
+    vertical at rest is continued by its value at rest. `sign` (k,) are the directions.
     """
 
     def __init__(self, curves: Sequence[Any], sign: Array) -> None:
@@ -156,7 +158,7 @@ class Slipping(Kernel):
         return self._mu.slope(self._speed(w)) * normal
 
     def left_out(self, w: Array, normal: Array) -> Array:
-        """Return what these lack of the true ones."""
+        """Return the true derivatives minus `slopes`."""
         return self._mu.left_out(self._speed(w)) * normal
 
     def _speed(self, w: Array) -> Array:

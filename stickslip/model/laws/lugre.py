@@ -14,7 +14,7 @@ from stickslip.model.laws.kinetic import Kinetic
 
 _TINY = 1e-300
 
-# Part of its largest value, at so many times, below which a normal force is nearly 0.
+# Part of its largest value below which a normal force is nearly 0, and the number of times at which that is sought.
 NEARLY_OPEN, _SAMPLES = 1e-4, 101
 
 FASTEST = 1e12  # bristles relax at most at this rate in 1/s, also where the normal force vanishes
@@ -41,7 +41,7 @@ class _Bristles(Kernel):
             push = stiffness * abs(w)
             level = (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0)
             least = push / FASTEST + _TINY
-            # what is no number any more stays that
+            # a velocity that is NaN gives a rate that is NaN
             rate = w - push / (level if level > least else least) * z
             return stiffness * z + damping * rate + viscous * w, rate
 
@@ -108,7 +108,7 @@ class BristleLaw(Law):
         return _Bristles
 
     def check_use(self, use: Use) -> None:
-        """Refuse bristles that are pressed from nothing, or nearly so, on a ramp: they are infinitely stiff there."""
+        """Refuse a normal force that rises from 0, or nearly 0, without a jump: there bristles are infinitely stiff."""
         if use.normal is None:
             return
         pressed = use.normal.clipped(use.start, use.stop)
@@ -119,7 +119,7 @@ class BristleLaw(Law):
                 f"{use.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
                 "let it start above 0, or use DryFriction"
             )
-        # it rises by powers of ten within a step there: a solver takes the stiffness before for the one after
+        # From nearly 0 it rises by powers of ten within one step, and the solver keeps the stiffness from before.
         near = NEARLY_OPEN * max(pressed(t) for t in [*times, *np.linspace(use.start, use.stop, _SAMPLES)])
         beyond = use.normal - near
         for t in beyond.clipped(use.start, use.stop).breaks(use.start, use.stop):
@@ -138,9 +138,10 @@ class LuGre(BristleLaw):
     ``z' = w - sigma_0 |w| z / g(w)``, ``r = sigma_0 z + sigma_1 z' + sigma_2 w``, ``g = mu_k(|w|) N`` with the
     Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
     ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
-    shorter than 2.7 of these times. Bristles that nothing presses are straight. A normal force that rises from less
-    than a ten-thousandth of its largest value makes them all but infinitely stiff and is refused. Where they would have
-    to relax faster than 1e12 /s, and have more friction than their level by a ten-thousandth, the run ends in an error.
+    shorter than 2.7 relaxation times ``g / (sigma_0 |w|)``. In an open contact z is 0. A normal force that rises from
+    less than a ten-thousandth of its largest value makes bristles all but infinitely stiff and is refused. Bristles
+    relax at most at 1e12 /s; where their friction exceeds its level by a ten-thousandth for that reason, the run ends
+    in an error.
 
     Parameters
     ----------
@@ -156,7 +157,8 @@ class LuGre(BristleLaw):
     Raises
     ------
     ValueError, TypeError
-        If a parameter is negative, the stiffness not positive, or the Coulomb friction of what is not idle 0.
+        If a parameter is negative, the stiffness is not positive, or the Coulomb coefficient is 0 beside static or
+        viscous friction that is not.
     """
 
     law: DryFriction

@@ -15,7 +15,7 @@ from stickslip.model.laws.kinetic import Kinetic
 
 Shape = Literal["linear", "tanh", "arctan"]
 
-_MEMORY = 0.1  # a slipping contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)
+_MEMORY = 0.1  # part of the pre-slip velocity below which a slipping contact is back in pre-slip (eq. 4)
 
 
 class _Building(Kernel):
@@ -104,7 +104,7 @@ class PreSlip(Law):
 
     "linear": ``r = mu_st N w / v_pre`` until ``|w| > v_pre``, then ``mu_k N sign(w)`` until
     ``|w| < 0.1 v_pre``: the slip state remembers that the peak exists only on breaking away, and mu_st rises
-    with the dwell (Breedveld 2000, eqs. 3, 4, 8 and 9); a contact without normal force slips. "tanh" and
+    with the dwell (Breedveld 2000, eqs. 3, 4, 8 and 9); an open contact counts as slipping. "tanh" and
     "arctan": ``r = mu_k(|w|) N tanh(w / v_pre)`` and ``r = mu_k(|w|) N (2 / pi) arctan(pi w / (2 v_pre))``,
     smooth, without slip state or dwell, and with no peak but that of a Stribeck curve.
 
@@ -135,7 +135,7 @@ class PreSlip(Law):
 
     @property
     def character(self) -> Character:
-        """With a slip state where it is linear; smooth shapes have no modes."""
+        """The linear shape has a slip state; smooth shapes have no modes."""
         is_linear = self.shape == "linear"
         return Character(
             has_slip_state=is_linear,
@@ -147,5 +147,5 @@ class PreSlip(Law):
 
     @property
     def kernel(self) -> type[Kernel]:
-        """The forces below the pre-slip velocity, or at all velocities."""
+        """The forces below the pre-slip velocity for the linear shape, at all velocities for smooth ones."""
         return _SHAPES[self.shape]

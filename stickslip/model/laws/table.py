@@ -14,9 +14,10 @@ from stickslip.model.laws.kinetic import Slipping
 
 
 class LawTable:
-    """What the laws of all rows say, as arrays; lines 0 and 1 are for forward and backward slip.
+    """Coefficients and facts of the laws of all rows, as arrays.
 
-    `least` are the coefficients from which the static ones rise with the dwell.
+    In arrays with two lines, line 0 is for forward and line 1 for backward slip. `least` are the coefficients from
+    which the static ones rise with the dwell.
     """
 
     def __init__(self, laws: Sequence[Law]) -> None:
@@ -37,10 +38,10 @@ class LawTable:
 
 
 class VelocityDependentForces:
-    """Friction forces of the contacts that act through their velocity, in one set of modes.
+    """Friction forces that depend on velocity, in one set of modes.
 
-    `sign` are the directions of the contacts that slip in a known one, 0 for those that their kernels describe;
-    `bristles` those of them that have states of their own.
+    `sign` is the direction of each contact that slips in a known direction, and 0 for a contact whose forces its kernel
+    gives. `bristles` are the places of the contacts with states of their own.
     """
 
     def __init__(self, laws: Sequence[Law], sign: Modes) -> None:
@@ -71,7 +72,7 @@ class VelocityDependentForces:
         return r
 
     def in_floats(self) -> list[Callable[..., Any]] | None:
-        """Return the functions that tell each contact's force in plain floats, None where one has none."""
+        """Return each contact's force as a function of plain floats; None if any contact has no such function."""
         found = {
             place: kernel.in_floats(k) for places, _, kernel in self._parts for k, place in enumerate(places.tolist())
         }
@@ -86,7 +87,7 @@ class VelocityDependentForces:
         return d
 
     def left_out(self, w: Array, normal: Array) -> Array:
-        """Return what these slopes lack of the true ones, where a solver needs flatter ones."""
+        """Return the true derivatives minus `slopes`, where those are flatter than the true ones to help a solver."""
         d = np.empty_like(w)
         for rows, _, kernel in self._parts:
             d[rows] = kernel.left_out(w[rows], normal[rows])
@@ -134,6 +135,6 @@ def steady_forces(law: Law, w: Array, normal: float) -> Array:
     slips = character.sticks | (character.has_slip_state & (np.abs(w) > character.slips_beyond))
     sign = np.where(slips, np.sign(w), 0).astype(np.int8)
     forces, pressed = VelocityDependentForces([law] * w.size, sign), np.full(w.size, normal)
-    # bristles that do not change any more
+    # bristles in steady motion: ``z' = 0``
     z = w[forces.bristles] / forces.relaxation(w, pressed)
     return forces.forces(w, pressed, np.zeros_like(w), z)
