@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, Self
 
-_CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
+_CALLS_BETWEEN_LOOKS, CALLS_AT_MOST = 50_000, 1e9
 _CALLS_BETWEEN_SIGNS, _CALLS_AFTER_INTERRUPTION = 500, 10_000
 
 
@@ -89,7 +89,7 @@ class Progress:
 
     def _look(self, tau: float) -> None:
         done = tau - self._looked_at
-        if done * _CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * self._whole:
+        if done * CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * self._whole:
             raise OutOfReach(
                 f"the last {_CALLS_BETWEEN_LOOKS} evaluations took {done:.3g} s of {self._whole:.3g} s: "
                 "the steps have become too small"

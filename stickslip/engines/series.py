@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.engines.base import Method, Task
+from stickslip.engines.progress import CALLS_AT_MOST
 from stickslip.engines.roots import first_root, first_touch, may_vanish
 from stickslip.engines.work import BEYOND, SolverFailure, Work, grows
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.loads.loads import Loads
-from stickslip.equations.motion import Motion
+from stickslip.equations.motion import Expansion, Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER
@@ -26,12 +27,14 @@ from stickslip.model.arrays import Array, Indices
 _REMAINDER = 1e-17  # remainder of a series over its step, as a part of its largest term
 _LAST = ORDER - 1  # the first of the two orders from which the remainder is estimated
 
-# Steps after which a path is handed over, and how many a whole motion may need at the pace of these.
-_AT_ONCE, _AT_MOST = 50_000, 1e9
+# Steps after which a path is handed over, and how many a whole motion may need at the pace of these: they take as many
+# evaluations as a solver may.
+_AT_ONCE, _AT_MOST = 50_000, CALLS_AT_MOST / ORDER
 
 _NOTHING = 1e-267  # a remainder below this counts as 0
 _LEADING = 4  # order up to which terms mostly decide the step; if all are 0, later ones are looked at, too
 _WORTH = 0.3
+_SHORTER, _SHORTEST = 1e-6, 1e-200  # a scale that is too long is shortened by the first, down to the second in s
 _GROWTH = 4.0  # how much longer than the last step the next may be
 _TINY = np.finfo(float).tiny
 _LISTED = 5
@@ -140,7 +143,11 @@ class Series:
             h, scale, expansion = longest, 1.0, motion.start
         else:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
-            h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
+            if polynomial or scale < longest:
+                expansion = motion.expand(tau, y, order, scale, frozen)
+            else:
+                scale, expansion = _in_numbers(motion, tau, y, scale, frozen)
+            h = scale
         terms, g = expansion.y, guards.series(expansion)
         if frozen and motion.segment.has_sines:
             g = np.concatenate([g[:1] - guards.allowance, g[1:]])
@@ -238,6 +245,17 @@ class Series:
                 found = root if found is None else found * root
                 which, touches_only = i, only
         return found, which, touches_only
+
+
+def _in_numbers(motion: Motion, tau: float, y: Array, longest: float, frozen: bool) -> tuple[float, Expansion]:
+    """Return a scale and the series on it: the longest scale on which no term overflows."""
+    scale = longest
+    with np.errstate(over="ignore", invalid="ignore"):
+        while True:
+            expansion = motion.expand(tau, y, ORDER, scale, frozen)
+            if scale < _SHORTEST or np.isfinite(expansion.y[-1]).all():
+                return scale, expansion
+            scale *= _SHORTER
 
 
 def _measures(terms: Array, scale: Array) -> Array:

@@ -30,6 +30,7 @@ _BROKEN = 1e-9
 # Distance in m or rad that counts as 0: positions near a limit of 0 may have the roundoff of larger ones.
 _NO_DISTANCE = 1e-15
 
+_LONGEST = 1e99  # in s: in this time a body of 1 m/s moves less far than the distance at which a run is stopped
 _MOST_STEPS = 1e10  # so many steps take a day; Ctrl-C ends a run with fewer
 
 
@@ -43,7 +44,9 @@ def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     if not start < stop:
         remedy = "swap the two times" if start > stop else "give a later end"
         raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); {remedy}")
-    finite(stop - start, f"{what}: the length of t_span")
+    length = finite(stop - start, f"{what}: the length of t_span")
+    if length > _LONGEST:
+        raise ValueError(f"{what}: t_span must be at most {_LONGEST:g} s long, got {length:g} s; give an earlier end")
     return start, stop
 
 

@@ -6,7 +6,20 @@ import math
 
 import pytest
 
-from stickslip import GROUND, Body, Force, Scene, SimulationError, Spring, When, simulate, sine, velocity
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Scene,
+    SimulationError,
+    Spring,
+    When,
+    simulate,
+    sine,
+    velocity,
+)
 
 
 def oscillator(stiffness: float = 1.0) -> Scene:
@@ -41,7 +54,17 @@ def test_an_end_that_is_out_of_reach_is_told_and_what_was_followed_is_kept(
     with pytest.raises(
         SimulationError, match=r"last 100 steps took .* the end is out of reach; simulate a shorter time"
     ) as caught:
-        simulate(oscillator(1e12), (0.0, 1e5), method="series")
+        simulate(oscillator(1e12), (0.0, 100.0), method="series")
     kept = caught.value.result
     assert 1e-6 < caught.value.t == kept.t[-1]
     assert kept.velocity("a")[-1] == pytest.approx(math.cos(1e6 * kept.t[-1]), abs=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_span_far_longer_than_the_motion_changes_nothing() -> None:
+    """A block on a spring comes to rest within seconds; the powers of 1e30 s in its series are no numbers."""
+    elements = *oscillator().elements, Contact("c", "a", GROUND, DryFriction(0.2, 0.1), normal=1.0)
+    short, long = (simulate(Scene(*elements), (0.0, end), method="series") for end in (100.0, 1e30))
+    assert [e.t for e in long.events] == pytest.approx([e.t for e in short.events], abs=1e-12)
+    assert len(short.events) == 5
+    assert long.position("a")[-1] == pytest.approx(short.position("a")[-1], abs=1e-12)

@@ -154,6 +154,7 @@ ARGUMENTS: list[Case] = [
     (lambda: run(span=(0, INF)), ValueError, ["t_span", "finite", "inf"]),
     (lambda: run(span=(NAN, 1)), ValueError, ["t_span", "finite", "nan"]),
     (lambda: run(span=(-1e308, 1e308)), ValueError, ["the length of t_span", "finite", "inf"]),
+    (lambda: run(span=(0.0, 1e300)), ValueError, ["t_span", "1e+99 s", "1e+300", "earlier end"]),
     (lambda: run(span="01"), ValueError, ["t_span must be two times", "'01'"]),
     (lambda: run(formulation="exact"), ValueError, ["unknown formulation 'exact'", "'contact-force'"]),
     (lambda: run(method="RK45"), ValueError, ["unknown method 'RK45'", "'BDF'", "'RK4'"]),

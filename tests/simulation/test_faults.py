@@ -103,7 +103,7 @@ def test_multipliers_are_watched_for_steps_too_small(monkeypatch: pytest.MonkeyP
     """IDA too is stopped where the end is out of reach, here by allowing a hundred evaluations only."""
     monkeypatch.setattr("stickslip.engines.progress._CALLS_BETWEEN_SIGNS", 50)
     monkeypatch.setattr("stickslip.engines.progress._CALLS_BETWEEN_LOOKS", 50)
-    monkeypatch.setattr("stickslip.engines.progress._CALLS_AT_MOST", 100)
+    monkeypatch.setattr("stickslip.engines.progress.CALLS_AT_MOST", 100)
     scene = oscillator(lambda t: 0.1 * math.sin(t))
     with pytest.raises(SimulationError, match=r"the steps have become too small.*loosen rtol") as caught:
         simulate(scene, (0.0, 10.0), formulation="multiplier")
