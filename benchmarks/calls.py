@@ -72,7 +72,7 @@ def way_of_a_guard(run: Callable[[], Any]) -> tuple[set[str], set[str]]:
         run()
     longest = max(ways, key=len)
     files = {file for there, here, _ in longest for file in (there, here)}
-    return files, {f"{here}:{name}" for _, here, name in longest} | {"equations/guards:Guards.smallest"}
+    return files, {f"{here}:{name}" for _, here, name in longest} | {"equations/guards/guards:Guards.smallest"}
 
 
 def main() -> None:

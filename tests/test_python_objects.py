@@ -36,6 +36,7 @@ from stickslip import (
     simulate,
     sweep,
 )
+from stickslip.equations.system import System
 from stickslip.studies.sweeps import SweepInterrupted
 
 
@@ -139,3 +140,8 @@ def test_the_coefficients_of_a_tie_stay() -> None:
     for copied in (pickle.loads(pickle.dumps(tie)), copy.deepcopy(tie), eval(repr(tie), {"Tie": Tie})):
         assert copied == tie and hash(copied) == hash(tie)
     assert tie.to_dict() == {"name": "t", "coefficients": {"a": 1.0, "b": -1.0}}
+
+
+def test_a_system_that_disregards_coincidences_comes_back_as_one() -> None:
+    assert pickle.loads(pickle.dumps(System(belt(), generic=True))).generic
+    assert not pickle.loads(pickle.dumps(System(belt()))).generic

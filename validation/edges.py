@@ -31,7 +31,7 @@ METHODS = [
     ("contact-force", "Adams", 1e-12),
 ]
 METHODS += [("merged", "BDF", 1e-9), ("merged", "Adams", 1e-12), ("multiplier", "BDF", 1e-12)]
-"""Formulations, methods, and the largest errors that pass: of the default they are roundoff."""
+"""Formulations, methods, and the largest errors that pass: roundoff for the default method."""
 OPTIONS: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 PATIENCE = 20.0
 DRY = DryFriction(0.3, 0.2)

@@ -110,7 +110,7 @@ class GuardRows:
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
         self.reads_forces = bool(self.is_force.any() or borders.size)
-        """Whether a guard is told by more than velocities and normal forces."""
+        """Whether a guard depends on more than velocities and normal forces."""
         self.without_level = (self.is_force & (self.mu == 0)).nonzero()[0]
         """Forces that have no level, only a sign to keep: of one-way clutches and stops."""
         # a normal force is a force, too

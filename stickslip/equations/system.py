@@ -532,7 +532,7 @@ class System:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
-        return System, (self.scene, self.observed)
+        return System, (self.scene, self.observed, self.generic)
 
 
 def _parts(load: Load) -> tuple[Signal, Expression | None]:

@@ -63,7 +63,7 @@ class Scene:
     motion: MotionKind | None = None
 
     shown_by: ClassVar[dict[str, Callable[..., Any]]] = {}
-    """What draws a scene ("draw") and what notebooks show ("html"): the model knows no drawings, others enter them."""
+    """Functions that draw a scene ("draw") and write it for notebooks ("html"); `plots` enters them."""
 
     if TYPE_CHECKING:
 

@@ -39,7 +39,7 @@ class Load:
     """A force, a normal force or an input: a signal, or a quantity of the motion."""
 
     kind: ClassVar[str] = ""
-    """What files call it; empty where it is not data."""
+    """Its type in scene files; empty where it cannot be written to one."""
 
     def to_dict(self) -> Any:
         """Return the load as plain data."""

@@ -85,7 +85,12 @@ class _Drawing:
         self.links = [one for one in links if all(end in self.nodes or end == GROUND for end in one.ends)]
         self.pushes = _pushes(scene)
         self.blocks = _blocks(scene)
-        self.left_out = len(scene.bodies) + len(scene.drives) - len(self.nodes), len(links) - len(self.links)
+        # how many are drawn, and how many there are
+        self.counts = {
+            "bodies and drives": (len(self.nodes), len(scene.bodies) + len(scene.drives)),
+            "elements between them": (len(self.links), len(links)),
+            "other elements": (len(self.blocks), sum(map(_stands_alone, scene.elements))),
+        }
         self.rows = {name: row for row, name in enumerate(_order(list(self.nodes), self.links))}
         self._place()
 
@@ -184,9 +189,8 @@ class _Drawing:
         return ax
 
     def _note(self) -> str:
-        bodies, links = self.left_out
-        more = f"{links} more elements" if links != 1 else "1 more element"
-        return f"not drawn: {bodies} more bodies and drives, {more}" if bodies else ""
+        left = [f"{there - drawn} of {there} {kind}" for kind, (drawn, there) in self.counts.items() if drawn < there]
+        return f"not drawn: {', '.join(left)}" if left else ""
 
     def _draw(self, ax: Any) -> None:
         for name, row in self.rows.items():
@@ -325,12 +329,17 @@ def _ends(element: Any) -> list[str]:
     return [element.a, element.b] if isinstance(element, Link) else list(getattr(element, "coefficients", ()))
 
 
+def _stands_alone(element: Any) -> bool:
+    """Tell whether an element joins no bodies and acts on none, such as a block."""
+    return not (isinstance(element, (Body, Drive, Force)) or _ends(element))
+
+
 def _blocks(scene: Scene) -> list[tuple[float, float, str]]:
     """Return left side, right side and text of elements that join no bodies, such as blocks, all in one line."""
     found: list[tuple[float, float, str]] = []
     left = 0.0
     for element in scene.elements:
-        if isinstance(element, (Body, Drive, Force)) or _ends(element):
+        if not _stands_alone(element):
             continue
         text = f"{element.noun()} {_short(getattr(element, 'name', ''))}".rstrip()
         right = left + _LETTER * (len(text) + 2)

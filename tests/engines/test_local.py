@@ -39,7 +39,9 @@ from stickslip import (
     normal as normal_of,
 )
 from stickslip.engines.part_by_part import parts
+from stickslip.engines.part_by_part.sine_shares import SineShares
 from stickslip.equations.forest import Forest
+from stickslip.equations.loads.sines import Sines
 from stickslip.equations.system import System
 from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
@@ -597,3 +599,11 @@ def test_a_velocity_that_touches_0_at_a_break_has_not_come_through_it() -> None:
         with validation.part_by_part():
             result = simulate(scene, (0.0, 3.5), events=[When("turned", velocity("b0"), stop=True)])
         assert result.status == 0
+
+
+def test_rates_of_sines_have_the_size_of_amplitude_times_angular_frequency() -> None:
+    """Two sines of thing 0 and none of thing 1: 2 pi (2 m/s 3 Hz + 1 m/s 5 Hz)."""
+    sines = Sines.of([(0, 2.0, 3.0, 0.1), (0, -1.0, 5.0, 0.0)])
+    shares = SineShares.among(sines, np.array([0, 0]), 2)
+    assert shares.sizes == pytest.approx([3.0, 0.0])
+    assert shares.rate_sizes == pytest.approx([22 * math.pi, 0.0])

@@ -199,8 +199,15 @@ def test_an_element_of_an_unknown_kind_is_a_labelled_link():
 @pytest.mark.slow
 def test_more_than_a_dozen_bodies_are_counted():
     found = texts(plots.schematic(flywheel_chain(30)))
-    assert "not drawn: 18 more bodies and drives, 18 more elements" in found
+    assert "not drawn: 18 of 30 bodies and drives, 18 of 30 elements between them" in found
     assert "w12: inertia 1" in found and "w13: inertia 1" not in found
+
+
+def test_more_than_a_dozen_blocks_are_counted():
+    blocks = [StateSpace(f"sum{k}", [[0.0]], [[1.0]], [[1.0]], inputs=[velocity("a")]) for k in range(13)]
+    found = texts(plots.schematic(Scene(Body("a", inertia=1.0), *blocks)))
+    assert "not drawn: 1 of 13 other elements" in found
+    assert not any("sum12" in text for text in found)
 
 
 def test_only_scenes_are_drawn():

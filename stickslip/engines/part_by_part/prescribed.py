@@ -131,5 +131,5 @@ class Prescribed:
         return found
 
     def drive_acceleration_size(self, k: int) -> float:
-        """Return a size for the acceleration of a drive: that without sines, plus the size of the velocity."""
-        return float(np.abs(self.drives.velocity[k, 1]) + self.drive_size[k])
+        """Return the summed sizes of the terms in the acceleration of a drive."""
+        return float(np.abs(self.drives.velocity[k, 1]) + self._drives.rate_sizes[k])

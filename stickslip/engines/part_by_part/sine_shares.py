@@ -60,9 +60,17 @@ class SineShares:
     @property
     def sizes(self) -> Array:
         """The sums of the amplitudes of all things."""
+        return self._sums(self.sines.amplitude)
+
+    @cached_property
+    def rate_sizes(self) -> Array:
+        """The same of the rates."""
+        return self._sums(self.sines.turn * self.sines.amplitude)
+
+    def _sums(self, sizes: Array) -> Array:
+        """Return the sums of the shares of things in sines of some sizes."""
         own = np.repeat(np.arange(self.firsts.size - 1), np.diff(self.firsts))
-        size = np.abs(self.shares * self.sines.amplitude)
-        return np.asarray(np.bincount(own, size, self.firsts.size - 1), dtype=float)
+        return np.asarray(np.bincount(own, np.abs(self.shares * sizes), self.firsts.size - 1), dtype=float)
 
     def series(self, things: Indices, t: float, terms: int, unit: float) -> Array:
         """Return what sines add to some things from time `t` on: Taylor coefficients over `unit`, a row for each."""

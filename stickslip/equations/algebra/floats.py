@@ -37,7 +37,7 @@ class Columns:
         self.states = slice(STATES, STATES + states)
         self.terms: list[Term] = []
         self.looked_up: list[Array] = []
-        """What tables are looked up at."""
+        """The arguments of tables."""
         self.count = STATES + states + most
         self._next = STATES + states
 

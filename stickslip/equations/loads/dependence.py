@@ -109,14 +109,14 @@ class Dependence:
         self.has_heat = any(node.row >= 0 for node in nodes)
         self.places = np.concatenate([np.arange(first, int(starts[-1])), self.rows]).astype(np.intp)
         self.for_tables = self.before(place for k in self.tables for place in self.arguments[k].places.tolist())
-        """The nodes on which it depends what tables are looked up at."""
+        """The nodes on which the arguments of tables depend."""
         read = [self.arguments[k].places for k in {*self.tables, *self.for_tables}]
         self.read_for_tables = frozenset(place for places in read for place in places.tolist())
-        """The places of the inputs on which that depends."""
+        """The places of the inputs on which these arguments depend."""
         self.for_normals = self.before(self._normals.places.tolist())
         """The nodes on which normal forces depend."""
         self.but_rates = frozenset(k for k, node in enumerate(self.nodes) if not node.is_rate)
-        """The nodes on which anything but the rates of states of blocks depends: these a result does not tell."""
+        """All nodes but those that only give rates of states of blocks: a result does not show such rates."""
 
     def before(self, places: Iterable[int]) -> frozenset[int]:
         """Return the nodes on which inputs depend, at once or by way of others."""

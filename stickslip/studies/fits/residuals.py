@@ -42,7 +42,7 @@ class RecordRun:
         self._stop = max(float(one.t[-1]) for one in measured)
         self._last: tuple[bytes, float, Result] | None = None
         self.refusal: Exception | None = None
-        """Why the last values could not be simulated that could not."""
+        """Why a simulation failed, of the last values with which one did."""
 
     def _at(self, x: Array) -> list[Parameter]:
         """Return the parameters; a Coulomb coefficient beyond a static one that is not fitted takes this one along."""
