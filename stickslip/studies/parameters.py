@@ -38,14 +38,14 @@ class Parameter:
     steps: tuple[str | int, ...]  # fields and entries that lead to it
     value: float  # in the scene it was read from
     only_at_start: bool  # whether it says where the motion starts, not how it goes on
-    along: tuple[str | int, ...] = ()  # steps to a number of the same element that takes the same value
+    twin: tuple[str | int, ...] = ()  # steps to a number of the same element that takes the same value
     scaled: Signal | Quantity | None = None  # the load of which it is a factor
 
     def set(self, scene: Scene, value: float) -> Scene:
         """Return the scene with the parameter at another value."""
         elements: list[Any] = list(scene.elements)
         element = elements[self.place]
-        both = [steps for steps in (self.along, self.steps) if steps]
+        both = [steps for steps in (self.twin, self.steps) if steps]
         # a static coefficient rises before a Coulomb one, and falls after it
         for steps in both if value > self.value else both[::-1]:
             element = _changed(element, steps, float(value), self.scaled)
@@ -62,7 +62,7 @@ class Parameter:
             limit, _ = _value(scene.elements[self.place], static, self.name, "")
         except ValueError:  # there is no static coefficient of its own
             return self
-        return replace(self, along=static) if value > limit else self
+        return replace(self, twin=static) if value > limit else self
 
     def unit(self, scene: Scene) -> str:
         """Return the SI unit, as far as the name tells it; an empty text for a pure number."""
@@ -85,7 +85,7 @@ class Parameter:
         last = fields[-1] if fields else ""
         return next((field for field in fields if field in _LOADS), "") if last in _OF_LOADS else last
 
-    def beside(self, scene: Scene) -> tuple[float, ...]:
+    def distances_to_neighbours(self, scene: Scene) -> tuple[float, ...]:
         """Return the distances to the entries before and after it, where it is an entry of a sequence of numbers."""
         if not self.steps or not isinstance(place := self.steps[-1], int):
             return ()

@@ -421,7 +421,7 @@ def test_a_first_step_of_nothing_grows() -> None:
     # beyond a fold the first step is a part of the way that roundoff may leave nothing of
     (one,) = named_parameters(belt(), ["belt.velocity"], "continue_cycle")
     follower = Follower(one, None, 1e-6)
-    branch = follower.along(limit_cycle(belt()), np.array([0.1, 0.11]), first_step=0.0)
+    branch = follower.follow(limit_cycle(belt()), np.array([0.1, 0.11]), first_step=0.0)
     assert branch.cycles[1] is not None
     assert branch.cycles[1].period == pytest.approx(limit_cycle(belt(0.11)).period, abs=1e-9)
 

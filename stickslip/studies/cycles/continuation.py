@@ -118,7 +118,7 @@ def continue_cycle(
     else:
         at = follower.period(float(wanted[0]))
         first = limit_cycle(one.set(scene, float(wanted[0])), period=at, **options)
-    return follower.along(centred(first), wanted)
+    return follower.follow(centred(first), wanted)
 
 
 def _check_options(scene: Scene | Cycle, options: dict[str, Any]) -> None:
@@ -151,7 +151,7 @@ class Follower:
             return self._period
         return finite(self._period(value), f"continue_cycle: period({value:g})")
 
-    def along(self, first: Cycle, values: Array, every: Array | None = None, first_step: float = 1.0) -> Branch:
+    def follow(self, first: Cycle, values: Array, every: Array | None = None, first_step: float = 1.0) -> Branch:
         """Return the branch that begins with a cycle at the first of some values.
 
         Beyond a fold it goes back over `every` value, by default the same ones. The first step is a part of the way to
@@ -302,7 +302,7 @@ class Follower:
         back = back[::-1] if rose else back
         follower = Follower(self._parameter, self._period, self._accuracy, self._folds - 1)
         part = min(apart / max(abs(before - first.value), np.finfo(float).tiny), 1.0)
-        found = follower.along(centred(first.cycle), np.array([first.value, *back]), every, part)
+        found = follower.follow(centred(first.cycle), np.array([first.value, *back]), every, part)
         return replace(found, values=found.values[1:], cycles=found.cycles[1:])
 
     def _last(self, near: Reached, smallest: float) -> tuple[list[Reached], Reached | None]:

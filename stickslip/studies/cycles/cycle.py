@@ -16,7 +16,7 @@ from stickslip.studies.cycles.periodicity import scene_at
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
 
-_ZERO = 1e-9  # a multiplier whose imaginary part is no larger is shown as a real number
+_REAL = 1e-9  # a multiplier whose imaginary part is no larger is shown as a real number
 _NEUTRAL = 1e-6  # a multiplier whose modulus is within this distance from 1 shows neither growth nor decay
 
 
@@ -101,7 +101,7 @@ class Cycle:
             If the cycle is not single (a multiplier is 1: a fold, or a family), or a derivative does not exist.
         """
         named = named_parameters(self.scene, parameters, "Cycle.sensitivities")
-        return np.array([self.shot.along(one)[1] for one in named])
+        return np.array([self.shot.slopes_along_branch(one)[1] for one in named])
 
     def _repr_html_(self) -> str:
         """Return one period as a figure, and the multipliers, as notebooks show them."""
@@ -114,7 +114,7 @@ class Cycle:
         kind = "stable" if self.stable else "neutral" if self.neutral else "unstable"
         lines = [f"period {self.period:.12g} s{' (given)' if self.forced else ''}, {kind}"]
         for one in self.multipliers:
-            said = f"{one.real:.9g}" if abs(one.imag) <= _ZERO else f"{one.real:.9g} {one.imag:+.9g}i"
+            said = f"{one.real:.9g}" if abs(one.imag) <= _REAL else f"{one.real:.9g} {one.imag:+.9g}i"
             lines.append(f"multiplier {said}, modulus {abs(one):.9g}")
         if self.sticks and np.any(self.multipliers == 0):
             lines.append("a contact sticks: in one direction the motion forgets what was before (multiplier 0)")

@@ -120,12 +120,12 @@ def closed_from(
     """
     shot, change = cycle.shot, value - before
     given = 0.0 if longer is None else longer / change
-    along, slower, begin = shot.along(parameter.at(before), given)
+    start_slope, slower, begin = shot.slopes_along_branch(parameter.at(before), given)
     scene = parameter.set(shot.scene, value)
     period = slower * change if longer is None else longer
     if shot.forced:
         check_loads(compiled(scene), shot.period + period)
-    predicted = shot.moved(along * change, period, scene, shot.start + begin * change)
+    predicted = shot.moved(start_slope * change, period, scene, shot.start + begin * change)
     # if Newton's steps have to be shortened often, the parameter has changed too much
     found = closed(predicted, trials=2, patience=_NEXT_TO_ONE)
     off = _apart(found.shot, predicted)

@@ -10,9 +10,9 @@ from stickslip.studies.cycles.cycle import Cycle
 
 _SHORT = 0.02  # a phase shorter than this part of the period is about to vanish
 
-# A relative velocity grazes 0 if at its slope there it would change in a period by less than _GRAZES of its range. The
-# slope is that over the last _BEFORE of a period, or over the last _LATEST of the motion before if this is shorter.
-_BEFORE, _LATEST, _GRAZES = 1e-4, 1e-2, 0.3
+# A relative velocity grazes 0 if its slope there would change it in a period by less than _GRAZING_CHANGE of its range.
+# The slope is that over the last _BEFORE of a period, or over the last _LATEST of the motion before if that is less.
+_BEFORE, _LATEST, _GRAZING_CHANGE = 1e-4, 1e-2, 0.3
 
 
 def alike(a: Cycle, b: Cycle) -> bool:
@@ -58,6 +58,6 @@ def vanishing(cycle: Cycle) -> list[str]:
             before = max((other.t for other in events if other.t < event.t), default=begins)
             short = min(_BEFORE * period, _LATEST * (event.t - before))
             speed = np.abs(cycle.result.sample([event.t - short]).relative_velocity(event.contact)[0])
-            if speed * period < _GRAZES * short * np.ptp(cycle.result.relative_velocity(event.contact)):
+            if speed * period < _GRAZING_CHANGE * short * np.ptp(cycle.result.relative_velocity(event.contact)):
                 found.append(f"the relative velocity of {event.contact!r} comes to graze 0 at '{said[k]}'")
     return found

@@ -43,7 +43,8 @@ _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 # More are tried where a transient has fewer events and steps than these: cycles may be much longer than turns.
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 
-_STILL = 1e-6  # part of the fastest rate of a scene below which another one is roundoff
+# Part of the fastest rate of a scene below which another one is roundoff, and factor below which no position is read.
+_SLOW, _READ = 1e-6, 1e-6
 
 _MOST_STEPS = 400_000  # a transient that would take more steps is not tried
 
@@ -247,8 +248,8 @@ def longest_turn(system: System) -> float:
     motion = Motion(free, q, 0.0, y, np.zeros(system.m))
     values = np.linalg.eigvals(dense(motion.jacobian(0.0, y)))
     sizes = np.abs(values)
-    lasting = sizes > _STILL * sizes.max(initial=0.0)
-    swings = lasting & (np.abs(values.imag) > _STILL * sizes)
+    lasting = sizes > _SLOW * sizes.max(initial=0.0)
+    swings = lasting & (np.abs(values.imag) > _SLOW * sizes)
     some = sizes[swings if swings.any() else lasting]
     return float(2 * math.pi / some.min()) if some.size else 1.0
 
@@ -268,7 +269,7 @@ def _goes_on(result: Result) -> str:
     """Return in words which position that forces read grows for ever; an empty text if none does."""
     system, start, stop = result.trajectory.system, float(result.t[0]), float(result.t[-1])
     late = np.linspace(0.5 * (start + stop), stop, 5)
-    read = np.abs(read_positions(system)).max(axis=0, initial=0.0) > _STILL
+    read = np.abs(read_positions(system)).max(axis=0, initial=0.0) > _READ
     steps = np.diff(result.sample(late).y[system.n : system.first_bristle], axis=1)
     # it moves about as far in each eighth of the time; the ends of an eighth may cut a turn
     least, most = np.abs(steps).min(axis=1), np.abs(steps).max(axis=1)

@@ -213,7 +213,7 @@ class Shot:
             self._by_parameter[parameter.name] = found
         return self._by_parameter[parameter.name]
 
-    def along(self, parameter: Parameter, given: float = 0.0) -> tuple[Array, float, Array]:
+    def slopes_along_branch(self, parameter: Parameter, given: float = 0.0) -> tuple[Array, float, Array]:
         """Return the derivatives of start and period by a parameter along the cycles, and that of the starting state.
 
         `given` is the derivative of the given period of the loads.

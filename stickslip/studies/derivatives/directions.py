@@ -24,7 +24,7 @@ _LEAST = 1e-2  # least size of a number, as a part of the size of the quantity t
 
 # Takes the place of PART where forces depend on velocity. They bend at rest: near by, a contact that has just begun to
 # slip may slip the other way.
-_FINE_PART = 1e-5
+_PART_WITH_BENDS = 1e-5
 
 CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
@@ -58,7 +58,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     """
     nominal = trajectory.system
     bends = any(one.velocity_dependent for one in nominal.laws.characters)
-    part, natural = _FINE_PART if bends else PART, _size(scene, parameter, trajectory)
+    part, natural = _PART_WITH_BENDS if bends else PART, _size(scene, parameter, trajectory)
     sizes = dict.fromkeys([natural, abs(parameter.value) or natural])
     refused: Exception | None = None
     differs = False
@@ -105,11 +105,11 @@ def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:
         return min(size or math.inf, _TURN / (2 * math.pi * latest))
     if field == "times":
         # small beside the distance to the next breaks: the order of the breaks must not change
-        return min((distance for distance in parameter.beside(scene) if distance > 0), default=size or 1.0)
-    return max(size, _LEAST * _beside(field, trajectory)) or 1.0
+        return min((one for one in parameter.distances_to_neighbours(scene) if one > 0), default=size or 1.0)
+    return max(size, _LEAST * _size_added_to(field, trajectory)) or 1.0
 
 
-def _beside(field: str, trajectory: Trajectory) -> float:
+def _size_added_to(field: str, trajectory: Trajectory) -> float:
     """Return the size of the quantity that a number is added to: a length, a velocity, a force, or a ratio of these."""
     system, pieces = trajectory.system, trajectory.pieces
     y = np.max([piece.kept_path.largest for piece in pieces], axis=0)

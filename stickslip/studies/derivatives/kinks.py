@@ -27,7 +27,7 @@ _LOOKS = 8  # number of times in each step at which all guards are computed
 # counts as 0.
 _NEAR, _TOUCH = 1e-2, 1e-9
 
-_ROUNDOFF = 1e-13  # part of its size by which a guard has to rise on both sides of a touch
+_RISE = 1e-13  # part of its size by which a guard has to rise on both sides of a touch
 _AT_REST = 1e-9  # part of the speeds below which a row counts as at rest where another row comes to rest
 
 
@@ -182,7 +182,7 @@ def at_touches(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
         # Where a guard is small all along, as between the last rebounds of a stop, roundoff makes minima. So it has to
         # be larger on both sides of a touch.
         around = min(float(g[i, : at + 1].max()), float(g[i, at + 2 :].max()))
-        if found.fun <= min(_TOUCH * size[i], 0.5 * around) and around > _ROUNDOFF * size[i]:
+        if found.fun <= min(_TOUCH * size[i], 0.5 * around) and around > _RISE * size[i]:
             tau = float(found.x)
             slopes = nearby.slopes_along(own.raw, number, varied, np.array([tau]))[:, 0]
             for _, k in own.moving(np.array([i]), slopes):

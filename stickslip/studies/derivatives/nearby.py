@@ -26,9 +26,9 @@ REST = 1e-11  # part of the speeds of a motion below which a velocity is 0
 
 # If a relative velocity is smaller than this many times the amount by which it differs in scenes near by, its friction
 # force may bend too much between these scenes.
-_BESIDE = 100.0
+_NEAR_ZERO = 100.0
 
-_FINE = 1e-4  # step of a finite difference, as a part of the size of the motion
+_PART_OF_MOTION = 1e-4  # step of a finite difference, as a part of the size of the motion
 _TINY = np.finfo(float).tiny
 
 
@@ -117,22 +117,22 @@ class Nearby:
         return found
 
     def along(
-        self, motion: Motion, since: Array, y: Array, S: Array, is_straight: bool = False
+        self, motion: Motion, since: Array, y: Array, S: Array, is_linear: bool = False
     ) -> list[tuple[float, Motion, Array]]:
         """Return weights, motions and states whose quantities add up to the derivative along S and `since`.
 
-        If the quantities are linear in the state (`is_straight`), the step is long: that makes roundoff small.
+        If the quantities are linear in the state (`is_linear`), the step is long: that makes roundoff small.
         """
         found = []
         part = float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0))
         if part > 0:
             bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self.bend
-            h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
+            h = 1.0 / part if is_linear else min(_PART_OF_MOTION / part, PART / bends if bends > 0 else np.inf)
             found += [(weight / h, motion, y + offset * h * S) for offset, weight in CENTRAL]
         # the step is a part of the shortest dwell time, which may be short beside the motion
         part = float(np.abs(since).max(initial=0.0)) / self._dwell
         if part > 0 and (self.system.dwelling.size or motion.has_law):
-            h = _FINE / part
+            h = _PART_OF_MOTION / part
             for offset, weight in CENTRAL:
                 ages = motion.since + offset * h * since
                 moved = Motion(motion.equations, motion.segment, motion.t, motion.y, ages)
@@ -147,7 +147,7 @@ class Nearby:
         taus: Array,
         y: Array,
         S: Array,
-        is_straight: bool = False,
+        is_linear: bool = False,
     ) -> Array:
         """Return the derivatives of a quantity at fixed local times, from the variations S there; directions last."""
         none = np.zeros_like(quantity(motion, taus, y))
@@ -159,7 +159,7 @@ class Nearby:
             parts = [weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self.near(motion, k)]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
-                for weight, moved, at in self.along(motion, since[:, k], y, S[:, :, k], is_straight)
+                for weight, moved, at in self.along(motion, since[:, k], y, S[:, :, k], is_linear)
             ]
             with np.errstate(invalid="ignore"):
                 found[..., k] = sum(parts, none)
@@ -186,7 +186,7 @@ class Nearby:
                 for (_, near), at in zip(near_ones, states, strict=True)
             ]
             moved = np.max([np.abs(one) for one in apart], axis=0, initial=0.0)
-            some = (np.abs(w) < _BESIDE * moved).any(axis=0).nonzero()[0]
+            some = (np.abs(w) < _NEAR_ZERO * moved).any(axis=0).nonzero()[0]
             if not some.size:
                 continue
             rates, shift = [], np.zeros((y.shape[0], some.size))
@@ -207,14 +207,14 @@ class Nearby:
         tau: float,
         y: Array,
         S: Array,
-        is_straight: bool = False,
+        is_linear: bool = False,
     ) -> Array:
         """Return `slopes` at one local time, from one state and its variations S."""
         at = np.array([tau])
-        return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
+        return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_linear)[:, 0]
 
-    def falls(self, quantity: OfMotion, motion: Motion, tau: float, y: Array, straight: Mask | None = None) -> Array:
-        """Return the slopes of a quantity along a motion from a state; `straight` marks lines linear in the state."""
+    def falls(self, quantity: OfMotion, motion: Motion, tau: float, y: Array, linear: Mask | None = None) -> Array:
+        """Return the slopes of a quantity along a motion from a state; `linear` marks lines linear in the state."""
         rate = motion.rate(tau, y)
         pace = float((np.abs(rate) / self.state_sizes).max(initial=0.0))
         h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
@@ -228,11 +228,11 @@ class Nearby:
         # states on the parabola that the motion follows: along its tangent, with the change of this
         ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
         found = slope(tau + offsets, y[:, None] + 0.5 * offsets * (rate[:, None] + ahead), weights)
-        if pace > 0 and straight is not None and straight.any():
+        if pace > 0 and linear is not None and linear.any():
             by_time = slope(tau + offsets, np.repeat(y[:, None], offsets.size, axis=1), weights)
             far = y[:, None] + np.outer(rate, [1.0 / pace, -1.0 / pace])
             by_state = slope(np.array([tau, tau]), far, np.array([0.5 * pace, -0.5 * pace]))
-            found[straight] = (by_time + by_state)[straight]
+            found[linear] = (by_time + by_state)[linear]
         return found
 
     def border_slopes(self, y: Array, q: Array, S: Array) -> Array:

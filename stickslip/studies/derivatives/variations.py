@@ -159,7 +159,7 @@ class Variation(Nearby):
         n, t, y = system.n, piece.t, system.at_start()
         held = (piece.modes == 0) & system.hard
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
-        S[self._straight(piece)] = 0.0
+        S[self._unbent_bristles(piece)] = 0.0
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
         motion = self.motion_of(0)
         q = motion.segment.at(t)
@@ -184,7 +184,7 @@ class Variation(Nearby):
         self._refuse(t, kinks.at_closed_stops(self, sides), S)
         return S, since
 
-    def _straight(self, piece: Piece) -> list[int]:
+    def _unbent_bristles(self, piece: Piece) -> list[int]:
         """Return the states of bristles in open contacts, whose deflection stays 0."""
         return [state for j, state in self.system.bristle_state.items() if piece.modes[j] == OPEN]
 
@@ -291,7 +291,7 @@ class Variation(Nearby):
             near = self._of_scene(k, impact, held, piece.t, following.t)
             found[:n, k] = balance.project(slope, rates * times[k]) + near
         found -= np.outer(after.rate(0.0, following.y), times)
-        found[self._straight(following)] = 0.0
+        found[self._unbent_bristles(following)] = 0.0
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)
         self._refuse(piece.stop, kinks.beyond_event(self, following, after, found, since, times), found)

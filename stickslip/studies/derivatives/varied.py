@@ -79,9 +79,9 @@ class VariedImpact:
         if not self.jumps:
             return self.v
         own = self._relative(system, before)
-        (v, u), (change, turn) = self._least(system, self._own), self._least(system, own - self._own)
+        (v, u), (change, drive_change) = self._least(system, self._own), self._least(system, own - self._own)
         jump = now - before
-        moved, _ = self._linear(system, v, u, change, turn, jump)
+        moved, _ = self._linear(system, v, u, change, drive_change, jump)
         met = struck(system, v, u, u + jump, self.sides, self.hit).v
         return np.asarray(self.v - v - change + met + moved)
 
@@ -118,15 +118,15 @@ class VariedImpact:
         return found[: system.n], found[system.n :]
 
     def _linear(
-        self, system: System, v: Array, u: Array, change: Array, turn: Array, jump: Array
+        self, system: System, v: Array, u: Array, change: Array, drive_change: Array, jump: Array
     ) -> tuple[Array, float]:
         """Return the derivative of the velocities after the jump, and by how much its one-sided derivatives differ.
 
-        Before the jump the velocities `v` of bodies change by `change`, and `u` of drives by `turn`; drives jump by
-        `jump`.
+        Before the jump the velocities `v` of bodies change by `change`, those `u` of drives by `drive_change`. Drives
+        jump by `jump`.
         """
-        change = self._kept_closed(system, change, turn)
-        largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(turn).max(initial=0.0)))
+        change = self._kept_closed(system, change, drive_change)
+        largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(drive_change).max(initial=0.0)))
         if largest == 0:
             return np.zeros_like(change), 0.0
         speeds = np.abs(self.system.G @ self.v + self.system.D @ self.before)[self.hit]
@@ -135,13 +135,13 @@ class VariedImpact:
 
         def jumped(part: float) -> Array:
             # only the jump: for bodies that nothing hits it is exactly 0, and their velocities leave no roundoff
-            bodies, drives = v + part * change, u + part * turn
+            bodies, drives = v + part * change, u + part * drive_change
             return struck(system, bodies, drives, drives + jump, self.sides, self.hit).v - bodies
 
         own, ahead, back = (jumped(part) for part in (0.0, h, -h))
         return change + (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
 
-    def _kept_closed(self, system: System, change: Array, turn: Array) -> Array:
+    def _kept_closed(self, system: System, change: Array, drive_change: Array) -> Array:
         """Return the changes of velocities without the part that opens rows which are closed before the jump.
 
         These rows are closed in all scenes near by: a change of the state that opens one goes with a change of the
@@ -151,5 +151,5 @@ class VariedImpact:
         if not rows.size:
             return change
         levers = dense(system.G[rows])
-        opening = levers @ change + system.D[rows] @ turn
+        opening = levers @ change + system.D[rows] @ drive_change
         return np.asarray(change - np.linalg.lstsq(levers, opening, rcond=None)[0])

@@ -11,7 +11,7 @@ from stickslip.studies.derivatives.varied_guards import TIE
 
 # An argument of a table grazes a corner if, at its speed there, it would change over the whole motion by less than this
 # part of its size.
-_GRAZING = 1e-9
+_GRAZING_CHANGE = 1e-9
 
 
 def corner_times(
@@ -38,7 +38,7 @@ def corner_times(
     size = np.abs(beyond(motion, path.taus, path.points.T)).max(axis=1)
     moved = nearby.slopes_at(beyond, motion, since, tau, y, S)
     falls = nearby.falls(beyond, motion, tau, y)
-    if (np.abs(falls) * tau <= _GRAZING * size).any():
+    if (np.abs(falls) * tau <= _GRAZING_CHANGE * size).any():
         why = "a table comes to its corner with slope 0"
         return np.full(nearby.count, np.nan), dict.fromkeys(range(nearby.count), why)
     times = -moved / falls[:, None]

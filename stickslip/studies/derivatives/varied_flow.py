@@ -24,7 +24,7 @@ _GROWTH, _LEAST = 4.0, 1e-9  # largest factor by which the number of joined step
 _LAST = 1e-6
 
 # A step ends before a turn by this part of itself: its last point has to lie on the same side as the others.
-_BESIDE = 1e-11
+_BEFORE_TURN = 1e-11
 
 _TINY = np.finfo(float).tiny
 
@@ -151,12 +151,11 @@ def _turns(motion: Motion, path: SteepPath) -> Array:
             return float(velocities(np.array([tau]))[j, 0])
 
         begin, end = taus[i : i + 2].tolist()
-        beside = _BESIDE * (end - begin)
         # a velocity that is 0 but for roundoff may have another sign when it is computed for one time alone
         turn = begin if abs(w[j, i]) < abs(w[j, i + 1]) else end
         if velocity(begin) * velocity(end) < 0:
             turn = root_between(velocity, begin, end)
-        found.append(max(begin, turn - beside))
+        found.append(max(begin, turn - _BEFORE_TURN * (end - begin)))
     return np.unique(found)
 
 

@@ -17,10 +17,10 @@ TIE = 1e-6  # derivatives that differ by less than this part of their size count
 
 # A guard grazes 0 if its slope is below this part of the terms that add up in the slope. It does not if it has fallen
 # at about this slope ever since it was last clearly positive.
-_GRAZING = 1e-7
+_GRAZING_SLOPE = 1e-7
 
 _ABOUT = 0.1  # a guard that falls faster than this part of its slope when it left 0 comes back about as fast
-_TOLD = 1e-9  # part of its size above which a guard is clearly positive, even if CVODE has computed it
+_CLEARLY_POSITIVE = 1e-9  # part of its size above which a guard is clearly positive, even if CVODE has computed it
 _HALVINGS = 40  # how often the time before the end is halved to find where a guard was last clearly positive
 
 # Where rebounds accumulate, flights slower than this part of the speeds of the whole motion are so short that the
@@ -109,12 +109,12 @@ class VariedGuards:
             return np.full(count, np.nan), dict.fromkeys(
                 range(count), "the motion ends in a way that has no derivative here"
             )
-        is_straight = bool(self._straight[fired].all())
-        moved = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S, is_straight)[fired]
+        is_linear = bool(self._is_linear[fired].all())
+        moved = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S, is_linear)[fired]
         moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
         falls = self.falls(tau, y)[fired]
         weights = self._of_one_motion(fired)
-        if weights is not None and abs(weights @ falls) > _GRAZING * (weights @ slopes[fired]):
+        if weights is not None and abs(weights @ falls) > _GRAZING_SLOPE * (weights @ slopes[fired]):
             # near by their shares of the force differ: they let go where its sum comes to the sum of their levels
             return -(weights @ moved) / (weights @ falls), {}
         # `slopes` are sizes at the start of the motion: where one is 0 there, its guard falls later and does not graze
@@ -127,7 +127,7 @@ class VariedGuards:
         rebound = self._flies(i, tau, abs(fall))
         if rebound <= _SHORT:
             return begin.copy(), {}
-        grazes = steep[first] <= _GRAZING < rebound
+        grazes = steep[first] <= _GRAZING_SLOPE < rebound
         if grazes and not (self._comes_back(i, fall) or self._comes_down(i, size, fall)):
             why = f"{names[0]} grazes: its guard comes to 0 with slope 0"
             return np.full(count, np.nan), dict.fromkeys(range(count), why)
@@ -170,11 +170,11 @@ class VariedGuards:
         back = path.taus[-1] - path.taus[0]
         before = path.taus[-1] - back * 0.5 ** np.arange(_HALVINGS)
         states = self._motion.exact(before, path.at(before).T)
-        told = self.raw(self._motion, before, states)[i] / size[i]
-        last = int(np.flatnonzero(told > _TOLD)[-1:].max(initial=-1))
+        part = self.raw(self._motion, before, states)[i] / size[i]
+        last = int(np.flatnonzero(part > _CLEARLY_POSITIVE)[-1:].max(initial=-1))
         if last < 0:
             return False
-        mean = told[last] * size[i] / (path.taus[-1] - before[last])
+        mean = part[last] * size[i] / (path.taus[-1] - before[last])
         return bool(-falls > 0.5 * mean)
 
     def _with_stops(self, moved: Array, some: Indices, y: Array, S: Array, q: Array) -> Array:
@@ -205,10 +205,10 @@ class VariedGuards:
         motion, guards = self._motion, self.guards
         if motion.is_linear:
             return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
-        return self._nearby.falls(self.raw, motion, tau, y, self._straight)
+        return self._nearby.falls(self.raw, motion, tau, y, self._is_linear)
 
     @property
-    def _straight(self) -> Mask:
+    def _is_linear(self) -> Mask:
         """Which guards are linear in the state: velocities and distances, but no forces."""
         guards = self.guards
         return np.asarray((guards.is_velocity | guards.is_border) & (self._nearby.system.dependence is None))

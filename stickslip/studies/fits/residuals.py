@@ -38,7 +38,7 @@ class RecordRun:
         options: dict[str, Any],
     ) -> None:
         self._label, self._scene, self._measured, self._weights = label, scene, measured, weights
-        self._own, self._parameters, self._options = list(parameters), list(parameters.values()), options
+        self._places, self._parameters, self._options = list(parameters), list(parameters.values()), options
         self._stop = max(float(one.t[-1]) for one in measured)
         self._last: tuple[bytes, float, Result] | None = None
         self.refusal: Exception | None = None
@@ -49,17 +49,17 @@ class RecordRun:
         own = {(one.place, one.steps) for one in self._parameters}
         moved = [
             one.with_static(self._scene, value)
-            for one, value in zip(self._parameters, x[self._own].tolist(), strict=True)
+            for one, value in zip(self._parameters, x[self._places].tolist(), strict=True)
         ]
-        return [one if (new.place, new.along) in own else new for one, new in zip(self._parameters, moved, strict=True)]
+        return [one if (new.place, new.twin) in own else new for one, new in zip(self._parameters, moved, strict=True)]
 
     def _scene_at(self, x: Array) -> Scene:
         """Return the scene with other values."""
-        return with_values(self._scene, self._at(x), x[self._own].tolist())
+        return with_values(self._scene, self._at(x), x[self._places].tolist())
 
     def units(self, scene: Scene) -> dict[int, str]:
         """Return the units of the parameters by their places."""
-        return {k: one.unit(scene) for k, one in zip(self._own, self._parameters, strict=True)}
+        return {k: one.unit(scene) for k, one in zip(self._places, self._parameters, strict=True)}
 
     def record(self, x: Array) -> Record:
         """Return the record, with the scene at some values and its motion."""
@@ -67,7 +67,7 @@ class RecordRun:
 
     def _result(self, x: Array, part: float) -> Result:
         """Return the motion with other values over a part of the time."""
-        key, stop = x[self._own].tobytes(), part * self._stop
+        key, stop = x[self._places].tobytes(), part * self._stop
         if self._last is None or self._last[:2] != (key, stop):
             self._last = key, stop, simulated(self._scene_at(x), (0.0, stop), **self._options)
         return self._last[2]
@@ -95,13 +95,13 @@ class RecordRun:
         """Return the derivatives of the weighted residuals, 0 where none exist, and why these do not."""
         result, some = self._result(x, part), self._within(part)
         scene = result.scene
-        own = zip(self._at(x), x[self._own].tolist(), strict=True)
+        own = zip(self._at(x), x[self._places].tolist(), strict=True)
         directions = [along_parameter(scene, one.at(value), result.trajectory, "fit") for one, value in own]
         found = from_variation(Variation(result, directions))
         slopes = np.zeros((sum(one.t.size for one, _ in some), x.size))
         if some:
             read = [getattr(found, one.quantity)(one.of, one.t) * weight[:, None] for one, weight in some]
-            slopes[:, self._own] = np.nan_to_num(np.concatenate(read))
+            slopes[:, self._places] = np.nan_to_num(np.concatenate(read))
         return slopes, found.reasons
 
 
