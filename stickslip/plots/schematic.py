@@ -272,13 +272,13 @@ def _order(names: list[str], links: Sequence[_Link]) -> list[str]:
 
     best, shortest = names, length(names)
     while True:
-        moved = [
+        orders = [
             [*rest[:k], name, *rest[k:]]
             for name in best
             if (rest := [other for other in best if other != name])
             for k in range(len(best))
         ]
-        found = min(moved, key=length, default=best)
+        found = min(orders, key=length, default=best)
         if length(found) >= shortest:
             return best
         best, shortest = found, length(found)

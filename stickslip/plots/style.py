@@ -135,12 +135,12 @@ def short(text: str) -> str:
 # How texts with names are drawn: a dollar in a name begins no formula.
 AS_IT_IS: dict[str, Any] = {"parse_math": False}
 
-_SHOWN = "\u200b"  # before a label that begins with an underscore, which legends leave out
+_ZERO_WIDTH_SPACE = "\u200b"  # before a label that begins with an underscore, which legends leave out
 
 
 def labelled(name: str) -> str:
     """Return the label of a curve with this name, which legends show even if it begins with an underscore."""
-    return _SHOWN + name if name.startswith("_") else name
+    return _ZERO_WIDTH_SPACE + name if name.startswith("_") else name
 
 
 def beside(ax: Any, **options: Any) -> None:
@@ -152,7 +152,7 @@ def beside(ax: Any, **options: Any) -> None:
         look = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "frameon": False, "fontsize": "small"}
     legend = ax.legend(**look, **options)
     for text in (*legend.get_texts(), legend.get_title()):
-        text.set(text=short(text.get_text().removeprefix(_SHOWN)), **AS_IT_IS)
+        text.set(text=short(text.get_text().removeprefix(_ZERO_WIDTH_SPACE)), **AS_IT_IS)
 
 
 def makes_room(ax: Any) -> bool:

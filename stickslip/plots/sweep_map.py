@@ -81,7 +81,7 @@ def _cells(ax: Any, which: str, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     if values.dtype.kind not in "iuf" or not np.all(np.isfinite(values)) or np.any(np.diff(values) <= 0):
         centres = np.arange(len(values), dtype=float)
         ax.set(**{f"{which}ticks": centres, f"{which}ticklabels": [str(item) for item in values]})
-        return _edges(centres), centres
+        return _extrapolated_edges(centres), centres
     centres = values.astype(float)
     if len(centres) > 2 and centres[0] > 0:
         steps = np.diff(np.log(centres))
@@ -92,11 +92,11 @@ def _cells(ax: Any, which: str, values: np.ndarray) -> tuple[np.ndarray, np.ndar
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
-            return np.exp(_edges(np.log(centres))), centres
-    return _edges(centres), centres
+            return np.exp(_extrapolated_edges(np.log(centres))), centres
+    return _extrapolated_edges(centres), centres
 
 
-def _edges(centres: np.ndarray) -> np.ndarray:
+def _extrapolated_edges(centres: np.ndarray) -> np.ndarray:
     if len(centres) == 1:
         half = 0.5 * abs(centres[0]) or 0.5
         return np.array([centres[0] - half, centres[0] + half])

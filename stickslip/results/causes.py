@@ -15,12 +15,12 @@ from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.units import units
 
-_AT_ONCE = 1_000_000
+_VALUES_AT_ONCE = 1_000_000
 _WORDS = {Mode.BACKWARD: "backward", Mode.STUCK: "nowhere", Mode.FORWARD: "forward"}
 
 
 @dataclass(frozen=True)
-class _Limits:
+class _BothSides:
     """Force, level and relative velocity of a row just before and after its event, and rows that changed with it."""
 
     force: tuple[float, float]
@@ -45,7 +45,7 @@ def event_sentences(result: Outcome) -> list[str]:
     noted = {name: f" [{unit.force}, {unit.velocity}]" for name, unit in own.items() if unit != shared}
     rows = [names[event.contact] for event in of_rows]
     dense = bool(of_rows) and samples.trajectory.is_dense
-    around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
+    around = dict(zip(map(id, of_rows), _both_sides(samples, of_rows, rows), strict=True)) if dense else {}
     for event in events:
         at = around.get(id(event))
         reason = event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
@@ -54,13 +54,13 @@ def event_sentences(result: Outcome) -> list[str]:
     return lines
 
 
-def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Limits | None]:
+def _both_sides(samples: Samples, events: list[Event], rows: list[int]) -> list[_BothSides]:
     """Return forces, levels and velocities at both sides of every event: at the end of a piece and the next start."""
     trajectory = samples.trajectory
     times = np.array([event.t for event in events])
     left = np.searchsorted(trajectory.stops, times, side="left")
     right = np.searchsorted(trajectory.starts, times, side="right") - 1
-    at_once = _AT_ONCE // max(samples.system.m, 1) + 1
+    at_once = _VALUES_AT_ONCE // max(samples.system.m, 1) + 1
     sides = []
     for piece_of in (left, right):
         read = []
@@ -73,10 +73,10 @@ def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Lim
     together: dict[float, set[str]] = {}
     for event in events:
         together.setdefault(event.t, set()).add(event.contact)
-    found: list[_Limits | None] = []
+    found: list[_BothSides] = []
     for place, event in enumerate(events):
         force, level, w = ((sides[0][k][place], sides[1][k][place]) for k in range(3))
-        found.append(_Limits(force, level, w, sorted(together[event.t] - {event.contact})))
+        found.append(_BothSides(force, level, w, sorted(together[event.t] - {event.contact})))
     return found
 
 
@@ -85,30 +85,30 @@ def _at_events(at: Samples, rows: Indices) -> Array:
     return np.array([table[rows, np.arange(rows.size)] for table in (at.forces, at.breakaways, at.relative_velocities)])
 
 
-def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
+def _reason(event: Event, law: Law | None, at: _BothSides) -> str:
     character = Character() if law is None else law.character
     if character.has_slip_state and event.cause != "open":
-        return _slip_state(event, character, limits)
+        return _slip_state(event, character, at)
     if character.rests_below > 0 and event.cause == "relative velocity 0":
-        return f"came into the dead band of {character.rests_below:g}; {_held(limits)}"
+        return f"came into the dead band of {character.rests_below:g}; {_held(at)}"
     if event.cause in _AT_LIMITS:
-        return _at_limit(event, limits)
+        return _at_limit(event, at)
     if event.cause == "jump of velocities":
-        jump = f"from {limits.w[0]:.6g} to {limits.w[1]:.6g}"
-        return f"its relative velocity jumped {jump} with {_another(limits, 'a drive')}"
+        jump = f"from {at.w[0]:.6g} to {at.w[1]:.6g}"
+        return f"its relative velocity jumped {jump} with {_another(at, 'a drive')}"
     if event.cause == "force 0" and event.before != Mode.STUCK:
         return f"its force came to 0: {event.before.name.lower()} limit left"
     if law is None and event.before == Mode.STUCK:
-        others = f" with {_another(limits)}" if limits.others else ""
+        others = f" with {_another(at)}" if at.others else ""
         return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
-    return _friction(event, limits)
+    return _friction(event, at)
 
 
 _ROUGH = 1e-12  # a velocity after an impact below this part of the one before it is roundoff
 _AT_LIMITS = ("touches", "leaves", "impact", "leaves with another event")
 
 
-def _at_limit(event: Event, at: _Limits) -> str:
+def _at_limit(event: Event, at: _BothSides) -> str:
     """Return in words what a gap or a stop did at a limit."""
     if event.cause == "impact":
         limit = "upper" if at.w[0] > 0 else "lower"
@@ -127,12 +127,12 @@ def _at_limit(event: Event, at: _Limits) -> str:
     return f"touched its {limit} limit at relative velocity {at.w[0]:.6g}"
 
 
-def _another(at: _Limits, otherwise: str = "") -> str:
+def _another(at: _BothSides, otherwise: str = "") -> str:
     """Return in words which other rows changed at the same instant; `otherwise` where none did."""
     return f"the change of {', '.join(at.others)}" if at.others else otherwise
 
 
-def _slip_state(event: Event, character: Character, at: _Limits) -> str:
+def _slip_state(event: Event, character: Character, at: _BothSides) -> str:
     drop = f"its force goes from {abs(at.force[0]):.6g} to {abs(at.force[1]):.6g}"
     if event.after == Mode.STUCK:
         return f"back in pre-slip at |w| = {abs(at.w[1]):.3g}, a tenth of the pre-slip velocity; {drop}"
@@ -140,7 +140,7 @@ def _slip_state(event: Event, character: Character, at: _Limits) -> str:
     return f"slips {_WORDS[event.after]}: |w| exceeded the pre-slip velocity {velocity:g}; {drop}"
 
 
-def _friction(event: Event, at: _Limits) -> str:
+def _friction(event: Event, at: _BothSides) -> str:
     """Return in words what a contact with dry friction did."""
     where, force, level = _WORDS.get(event.after, ""), f"{abs(at.force[0]):.6g}", f"{at.level[0]:.6g}"
     slips = f"slips on with {abs(at.force[1]):.6g}"
@@ -165,7 +165,7 @@ def _friction(event: Event, at: _Limits) -> str:
     return event.cause
 
 
-def _held(at: _Limits) -> str:
+def _held(at: _BothSides) -> str:
     if math.isinf(at.level[1]):
         return f"its force is {abs(at.force[1]):.6g}"
     return f"needs {abs(at.force[1]):.6g} to stay stuck, can hold {at.level[1]:.6g}"

@@ -208,8 +208,8 @@ def _ledger(samples: Samples) -> EnergyLedger:
     dampers = dict(zip(labels, work[2 + m :], strict=True))
     kinetic = 0.5 * system.inertia @ samples.y[: system.n] ** 2
     spring = 0.5 * springs.stiffness[:, 0] @ springs.depth(samples.y) ** 2
-    given, taken = _jumps(samples)
-    drives, none = work[1] + given, np.zeros(samples.t.size)
+    by_drives, taken = _jumps(samples)
+    drives, none = work[1] + by_drives, np.zeros(samples.t.size)
     found = EnergyLedger(samples.t, kinetic, spring, work[0], drives, heat, dampers, taken, none)
     return replace(found, roundoff=_roundoff(samples)) if found.relative_error > _OFF else found
 
@@ -236,8 +236,8 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     """
     trajectory, system = samples.trajectory, samples.system
     rows = (system.is_stop | system.is_one_way).nonzero()[0]
-    given = np.zeros(len(trajectory.pieces))
-    taken = np.zeros((rows.size, given.size))
+    by_drives = np.zeros(len(trajectory.pieces))
+    taken = np.zeros((rows.size, by_drives.size))
     # impacts are kept with motions of the whole scene
     pieces = [piece for piece in trajectory.whole.pieces if piece.impulses is not None]
     if pieces:
@@ -249,16 +249,16 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
         lost = np.array([piece.lost for piece in pieces], dtype=float).T
         taken[:, numbers] = lost[rows]
         if system.drives:
-            moved = 0.5 * (before.drive_velocities + after.drive_velocities)
+            mean = 0.5 * (before.drive_velocities + after.drive_velocities)
             middle = 0.5 * (before.relative_velocities + after.relative_velocities)
-            given[numbers] = ((system.D.T @ impulses) * moved).sum(axis=0)
+            by_drives[numbers] = ((system.D.T @ impulses) * mean).sum(axis=0)
             # Where a second impact follows at the same instant, drives have their new velocity in it, and the mean is
             # wrong: the losses tell by how much. At the very start drives have only one velocity.
-            second = lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
-            given[numbers] += np.where(first, 0.0, second)
+            correction = lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
+            by_drives[numbers] += np.where(first, 0.0, correction)
     total = np.cumsum(taken, axis=1)[:, samples.piece_of]
     by_name = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
-    return np.cumsum(given)[samples.piece_of], by_name
+    return np.cumsum(by_drives)[samples.piece_of], by_name
 
 
 class _Springs:

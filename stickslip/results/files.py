@@ -109,7 +109,7 @@ def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Outcome 
             with np.load(opened, allow_pickle=False) as file:
                 data = {name: file[name] for name in file.files}
         in_a_row = "runs" in data
-        runs = [_under(f"run.{k}.", data) for k in range(int(data["runs"]))] if in_a_row else [data]
+        runs = [_with_prefix(f"run.{k}.", data) for k in range(int(data["runs"]))] if in_a_row else [data]
         abouts = [json.loads(str(run["about"])) for run in runs]
         formats = {about["format"] for about in abouts}
     except (AttributeError, KeyError, ValueError, EOFError, BadZipFile, zlib.error):
@@ -126,7 +126,7 @@ def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Outcome 
     return [_kept(run, about, one, path) for run, about, one in zip(runs, abouts, scenes, strict=True)]
 
 
-def _under(prefix: str, data: Mapping[str, Any]) -> dict[str, Any]:
+def _with_prefix(prefix: str, data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arrays whose names begin with `prefix`, under the rest of their names."""
     return {name.removeprefix(prefix): data[name] for name in data if name.startswith(prefix)}
 
@@ -142,7 +142,7 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))
     for k in about.get("patchworks", []):
-        parts.insert(k, Patchwork.from_arrays(system, _under(f"patchwork.{k}.", data)))
+        parts.insert(k, Patchwork.from_arrays(system, _with_prefix(f"patchwork.{k}.", data)))
     trajectory = Trajectory(system, Span(start, stop, about["stepped"]), Pieces(tuple(parts)))
     samples = Samples(trajectory, data["t"], data["piece_of"].astype(np.intp), data["taus"], data["y"])
     events = [Event(**row | {key: Mode[row[key]] for key in ("before", "after")}) for row in about["events"]]

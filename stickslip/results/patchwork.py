@@ -25,12 +25,12 @@ from stickslip.results.pickled import PickledByFields
 
 T = TypeVar("T", bound=np.generic)
 
-_VALUES = 64_000  # values that are computed at once: they fit into the cache of the processor
+_VALUES_AT_ONCE = 64_000  # they fit into the cache of the processor
 
 # Fields of a patchwork that stand in files under their own names.
 _ARRAYS = ("starts", "ticks", "piece_of_tick")
 
-_SHOWN = 10
+_SHOWN_FACTOR = 10
 
 
 def packed(mode: Modes, shown: Modes) -> Modes:
@@ -38,14 +38,14 @@ def packed(mode: Modes, shown: Modes) -> Modes:
 
     The number of an open row is OPEN plus ten times the mode that it shows.
     """
-    return np.asarray(np.where(mode == OPEN, OPEN + _SHOWN * shown, mode), dtype=np.int8)
+    return np.asarray(np.where(mode == OPEN, OPEN + _SHOWN_FACTOR * shown, mode), dtype=np.int8)
 
 
 def _unpacked() -> Modes:
     """Return for each number of `packed`, taken without sign, the mode in the equations and the mode shown."""
     found = np.stack(2 * [np.arange(256, dtype=np.uint8).astype(np.int8)])
     for shown in (-1, 0, 1):
-        found[:, (OPEN + _SHOWN * shown) % 256] = OPEN, shown
+        found[:, (OPEN + _SHOWN_FACTOR * shown) % 256] = OPEN, shown
     # a row that carries its level shows rest
     found[1, [AT_HIGH, AT_LOW]] = 0
     return found
@@ -141,7 +141,7 @@ class SeriesOfMany(PickledByFields):
         """The first entry of each thing, and how many entries there are."""
         return self.thing.searchsorted(np.arange(int(self.thing[-1]) + 2 if self.thing.size else 1))
 
-    def held(self, ticks: Indices, things: slice) -> HeldEntries:
+    def valid(self, ticks: Indices, things: slice) -> ValidEntries:
         """Return which entries of some things hold at some ticks, which are in rising order."""
         first, stop, _ = things.indices(self.firsts.size - 1)
         firsts = self.firsts[first : stop + 1]
@@ -151,15 +151,15 @@ class SeriesOfMany(PickledByFields):
         begins[firsts[:-1] - low] = 0
         ends = np.append(begins[1:], ticks.size)
         ends[firsts[1:] - low - 1] = ticks.size
-        return HeldEntries(slice(low, high), ends - begins, (stop - first, ticks.size))
+        return ValidEntries(slice(low, high), ends - begins, (stop - first, ticks.size))
 
-    def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, HeldEntries]]:
+    def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, ValidEntries]]:
         """Yield blocks of some things, and which of their entries hold at some ticks."""
         first, stop, _ = things.indices(self.firsts.size - 1)
-        count = _VALUES // max(ticks.size, 1) + 1
+        count = _VALUES_AT_ONCE // max(ticks.size, 1) + 1
         for begin in range(first, stop, count):
             some = slice(begin, min(begin + count, stop))
-            yield some, self.held(ticks, some)
+            yield some, self.valid(ticks, some)
 
     @cached_property
     def is_bent(self) -> Mask:
@@ -171,17 +171,17 @@ class SeriesOfMany(PickledByFields):
         """Which entries have integrals that are not constant."""
         return np.asarray(self.is_bent | (self.terms[:, 0] != 0))
 
-    def values(self, held: HeldEntries, t: Array, unit: float, integrated: bool = False) -> Array:
+    def values(self, valid: ValidEntries, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals, which begin with `first`.
 
-        The times have the shape of `held`, or are one line that holds for each of its things.
+        The times have the shape of `valid`, or are one line that holds for each of its things.
         """
-        own, counts = held.entries, held.counts
+        own, counts = valid.entries, valid.counts
         begin, bent = (self.first, self.is_moved) if integrated else (self.terms[:, 0], self.is_bent)
         begin, bent = begin[own], bent[own] & (counts > 0)
         found = begin.repeat(counts)
         if not bent.any():
-            return found.reshape(held.shape)
+            return found.reshape(valid.shape)
         places: slice | Indices = slice(None)
         if not bent.all():
             places = bent.repeat(counts).nonzero()[0]
@@ -191,7 +191,7 @@ class SeriesOfMany(PickledByFields):
         if integrated:
             factors = unit / np.arange(1, orders.shape[0] + 1)
             orders = np.concatenate([begin[None], orders * factors[:, None]])
-        s = held.of_all(t)[places]
+        s = valid.of_all(t)[places]
         s -= self.origin[own].repeat(counts)
         s /= unit
         value = orders[-1].repeat(counts)
@@ -199,11 +199,11 @@ class SeriesOfMany(PickledByFields):
             value *= s
             value += order.repeat(counts)
         found[places] = value
-        return found.reshape(held.shape)
+        return found.reshape(valid.shape)
 
 
 @dataclass(frozen=True)
-class HeldEntries:
+class ValidEntries:
     """Which entries of series hold at some times, one thing after the other."""
 
     entries: slice | Indices  # the entries of these things
@@ -311,11 +311,11 @@ class Patchwork(PickledByFields):
         piece: Indices,
         t: Array,
         things: slice,
-        read: Callable[[HeldEntries, Array], NDArray[T]],
+        read: Callable[[ValidEntries, Array], NDArray[T]],
     ) -> NDArray[T]:
         """Return what `read` finds for some things at times of pieces, a line each; the times may be in any order."""
         ticks, t, back = self._in_order(piece, t)
-        blocks = [read(held, t) for _, held in series.in_blocks(ticks, things)]
+        blocks = [read(valid, t) for _, valid in series.in_blocks(ticks, things)]
         found = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         return found[:, back]
 
@@ -324,11 +324,11 @@ class Patchwork(PickledByFields):
         system, n = self.system, self.system.n
         ticks, t, back = self._in_order(piece, t)
         y = np.empty((system.size, t.size))
-        for bodies, held in self.bodies.in_blocks(ticks, slice(None)):
-            y[bodies] = self._velocity(held, t)
+        for bodies, valid in self.bodies.in_blocks(ticks, slice(None)):
+            y[bodies] = self._velocity(valid, t)
             first, stop = system.moved.searchsorted((bodies.start, bodies.stop))
             if stop > first:
-                x = self._position(held, t)
+                x = self._position(valid, t)
                 y[n + first : n + stop] = x[system.moved[first:stop] - bodies.start]
         y[system.carried_state] = self.drives.positions(system.carried, t)
         return y[:, back]
@@ -337,13 +337,13 @@ class Patchwork(PickledByFields):
         """Return velocities of bodies at times of pieces; bodies that a drive leads have its velocity, to the bit."""
         return self._read(self.bodies, piece, t, bodies, self._velocity)
 
-    def _velocity(self, held: HeldEntries, t: Array) -> Array:
-        v, lead = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries]
+    def _velocity(self, valid: ValidEntries, t: Array) -> Array:
+        v, lead = self.bodies.values(valid, t, self.unit), self.bodies.second[valid.entries]
         is_led = lead >= 0
         if is_led.any():
-            places = is_led.repeat(held.counts).nonzero()[0]
-            drives = lead[is_led].astype(np.intp).repeat(held.counts[is_led])
-            v.ravel()[places] = self.drives.velocities(drives, held.of_all(t)[places])
+            places = is_led.repeat(valid.counts).nonzero()[0]
+            drives = lead[is_led].astype(np.intp).repeat(valid.counts[is_led])
+            v.ravel()[places] = self.drives.velocities(drives, valid.of_all(t)[places])
         return v
 
     def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
@@ -354,20 +354,20 @@ class Patchwork(PickledByFields):
         """Return how far the bodies have come since the starts of pieces, a column each."""
         return self.positions(piece, t) - self.positions(piece, self.starts[piece])
 
-    def _position(self, held: HeldEntries, t: Array) -> Array:
-        return self.bodies.values(held, t, self.unit, integrated=True)
+    def _position(self, valid: ValidEntries, t: Array) -> Array:
+        return self.bodies.values(valid, t, self.unit, integrated=True)
 
     @cached_property
     def at_ends(self) -> Array:
         """Positions of the bodies at the start and at the end, a line each."""
         firsts, n = self.bodies.firsts, self.system.n
         entries = np.stack([firsts[:-1], firsts[1:] - 1], axis=1).ravel()
-        ends = HeldEntries(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
+        ends = ValidEntries(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
         return self._position(ends, np.array([self.starts[0], self.stop])).T
 
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show: (2, m, k)."""
-        inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
+        inner = self._read(self.rows, piece, t, rows, lambda valid, _: valid.spread(self.rows.first))
         found: Modes = _UNPACKED[:, inner.astype(np.uint8)]
         functions = self.system.piecewise
         if functions.count:
@@ -380,16 +380,16 @@ class Patchwork(PickledByFields):
         """Return the regions of the gaps among some rows at times of pieces, a line each."""
         functions = self.system.piecewise
         own = functions.row[functions.among(rows)] - (rows.start or 0)
-        told = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.second))
+        told = self._read(self.rows, piece, t, rows, lambda valid, _: valid.spread(self.rows.second))
         return told[own].astype(np.int16)
 
     def since_when(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
-        """Return since when rows rest at times of pieces, in s."""
-        return self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.second))
+        """Return since when rows rest at times of pieces, in s; for gaps the numbers of their regions."""
+        return self._read(self.rows, piece, t, rows, lambda valid, _: valid.spread(self.rows.second))
 
     def forces(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
         """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
-        return self._read(self.rows, piece, t, rows, lambda held, t: self.rows.values(held, t, self.unit))
+        return self._read(self.rows, piece, t, rows, lambda valid, t: self.rows.values(valid, t, self.unit))
 
     # -- ranges and second derivatives -----------------------------------------------------------------------
 
@@ -472,7 +472,7 @@ class Patchwork(PickledByFields):
             last = self.states(np.array([k]), np.array([t]))[:, 0]
             return Path(np.zeros(1), np.zeros((0, width, system.size)), last, True)
         ticks = self._ticks(np.full(ends.size - 1, k), ends[:-1])
-        entry = self.bodies.held(ticks, slice(None)).spread(np.arange(self.bodies.tick.size))
+        entry = self.bodies.valid(ticks, slice(None)).spread(np.arange(self.bodies.tick.size))
         begins = self.states(np.full(ends.size - 1, k), ends[:-1])
         coefficients = np.zeros((ends.size - 1, width, system.size))
         coefficients[:, 0, system.n :] = begins[system.n :].T

@@ -23,8 +23,8 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: sl
     system = trajectory.system
     if not taus.size:
         return np.zeros((system.n, 0))[bodies]
-    if (moved := trajectory.moved(piece_of, taus, bodies)) is not None:
-        return moved
+    if (distances := trajectory.distances_from_start(piece_of, taus, bodies)) is not None:
+        return distances
     # distances since the starts of pieces: at the ends of all pieces before the last one needed, then at the times
     before = np.arange(int(piece_of.max()))
     numbers = np.concatenate([before, piece_of])

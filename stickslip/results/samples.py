@@ -25,7 +25,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
-from stickslip.results.trajectory import Trajectory, at_rows, by_piece, columns
+from stickslip.results.trajectory import Trajectory, at_rows, columns, grouped
 
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
@@ -33,7 +33,7 @@ V = TypeVar("V")
 # With more values of states at all times than this, patchworks are read name by name: that costs only what is read.
 _WIDE = 2_000_000
 
-_AT_ONCE = 1_000_000
+_VALUES_AT_ONCE = 1_000_000
 _PER_PERIOD = 8
 
 # Gauss nodes per interval at most: exact for polynomials of degree 19, and to the last bit for products of two series.
@@ -218,7 +218,7 @@ class Samples(PickledByFields):
         """Return states that change at samples only: those at the starts of pieces hold in all of the piece."""
         pieces = self.trajectory.pieces
         found = np.empty((states.stop - states.start, self.t.size))
-        for number, chosen in by_piece(self.piece_of):
+        for number, chosen in grouped(self.piece_of):
             found[:, chosen] = pieces[number].y[states, None]
         return found
 
@@ -259,8 +259,8 @@ class Samples(PickledByFields):
     @cached_property
     def _body_positions(self) -> Array:
         starts = np.array([body.position for body in self.scene.bodies])
-        moved = positions.of_bodies(self.trajectory, self.piece_of, self.taus)
-        return for_reading(np.add(moved, starts[:, None], out=moved))
+        distances = positions.of_bodies(self.trajectory, self.piece_of, self.taus)
+        return for_reading(np.add(distances, starts[:, None], out=distances))
 
     @cached_property
     def _drive_positions(self) -> Array:
@@ -466,13 +466,13 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     out, base = np.zeros((lines, samples.t.size)), np.zeros(lines)
     if not samples.t.size:
         return out
-    held = dict(by_piece(samples.piece_of))
+    inside = dict(grouped(samples.piece_of))
     with one_thread(samples.system):
-        for block in _blocks(samples, held):
+        for block in _blocks(samples, inside):
             for (number, edges), steps in zip(block, _over(trajectory, block, integrand), strict=True):
                 sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
-                if number in held:
-                    places = np.arange(samples.t.size)[held[number]]
+                if number in inside:
+                    places = np.arange(samples.t.size)[inside[number]]
                     taus = samples.taus[places]
                     within = (taus >= edges[0]) & (taus <= edges[-1])
                     out[:, places[within]] = sums[:, edges.searchsorted(taus[within])]
@@ -480,16 +480,16 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     return out
 
 
-def _blocks(samples: Samples, held: Mapping[int, Indices | slice]) -> Iterator[list[tuple[int, Array]]]:
+def _blocks(samples: Samples, inside: Mapping[int, Indices | slice]) -> Iterator[list[tuple[int, Array]]]:
     """Yield blocks of limited size to integrate at once: pieces, and local times between which they are smooth.
 
-    `held` says which of the samples lie in each piece.
+    `inside` says which of the samples lie in each piece.
     """
-    most = max(_AT_ONCE // (_MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)), 1)
+    most = max(_VALUES_AT_ONCE // (_MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)), 1)
     block: list[tuple[int, Array]] = []
     total = 0
-    for number in range(max(held) + 1):
-        wanted = samples.taus[held[number]] if number in held else np.empty(0)
+    for number in range(max(inside) + 1):
+        wanted = samples.taus[inside[number]] if number in inside else np.empty(0)
         edges = _edges(samples.trajectory, number, wanted)
         for first in range(0, max(edges.size - 1, 1), most):
             block.append((number, edges[first : first + most + 1]))

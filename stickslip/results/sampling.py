@@ -44,9 +44,9 @@ def refined(trajectory: Trajectory, points: int) -> Samples:
     durations = trajectory.stops - trajectory.starts
     least = 16 if 16 * durations.size <= points else 1
     parts = np.maximum(np.rint(points * durations / (durations.sum() or 1.0)), least)
-    ends = np.column_stack([np.zeros(durations.size), trajectory.ends])
+    bounds = np.column_stack([np.zeros(durations.size), trajectory.ends])
     both = np.column_stack([parts, np.ones(parts.size)]).astype(np.intp)
-    more = _cut(ends.ravel(), both.ravel(), np.full(durations.size, 2))
+    more = _cut(bounds.ravel(), both.ravel(), np.full(durations.size, 2))
     piece_of, taus = map(np.concatenate, zip(_fit(trajectory), more, strict=True))
     order = np.lexsort((taus, piece_of))
     piece_of, taus = piece_of[order], taus[order]
@@ -57,7 +57,7 @@ def refined(trajectory: Trajectory, points: int) -> Samples:
 def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     """Return the pieces and local times fit for a plot."""
     patchworks = trajectory.patchworks
-    steps = _looked_at(trajectory)
+    steps = _step_ranges(trajectory)
     allowed = _allowed(trajectory, steps, patchworks)
     parts = _clipped(steps.worst(allowed))
     if not patchworks:
@@ -70,41 +70,41 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     return piece[order], taus[order]
 
 
-def _cut(ends: Array, parts: Indices, counts: Indices) -> tuple[Indices, Array]:
-    """Return pieces and local times: the ends of steps, and evenly spaced times within each.
+def _cut(bounds: Array, parts: Indices, counts: Indices) -> tuple[Indices, Array]:
+    """Return pieces and local times: the bounds of steps, and evenly spaced times within each.
 
-    `ends` are the local times that bound the steps, one piece after the other, and `counts` how many each piece has.
+    `bounds` are the local times between the steps, one piece after the other, and `counts` how many each piece has.
     The step after each of them is cut into as many parts as `parts` says; it is 1 for the last of a piece, which no
     step follows.
     """
-    lengths = np.zeros(ends.size)
-    lengths[:-1] = ends[1:] - ends[:-1]
-    step = np.arange(ends.size).repeat(parts)
+    lengths = np.zeros(bounds.size)
+    lengths[:-1] = bounds[1:] - bounds[:-1]
+    step = np.arange(bounds.size).repeat(parts)
     inner = np.arange(step.size) - (parts.cumsum() - parts)[step]
-    taus = ends[step] + lengths[step] * (inner / parts[step])
+    taus = bounds[step] + lengths[step] * (inner / parts[step])
     return np.arange(counts.size).repeat(counts)[step], taus
 
 
 def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Array, Indices, Indices]:
-    """Return ends, parts and counts of a patchwork, as `_cut` needs them."""
+    """Return bounds, parts and counts of a patchwork, as `_cut` needs them."""
     n = system.n
     distance = allowed[system.size :].copy()
     np.minimum.at(distance, system.moved, allowed[system.moved_state])
     begins, piece = part.steps
-    # in `ends`, the begins of the steps of a piece are followed by its end
+    # in `bounds`, the begins of the steps of a piece are followed by its end
     place = np.arange(begins.size) + piece
     counts = np.bincount(piece) + 1
-    ends, parts = np.empty(begins.size + counts.size), np.ones(begins.size + counts.size, dtype=np.intp)
-    ends[place], parts[place] = begins - part.starts[piece], _clipped(part.worst(allowed[:n], distance))
-    ends[np.cumsum(counts) - 1] = part.durations
-    return ends, parts, counts
+    bounds, parts = np.empty(begins.size + counts.size), np.ones(begins.size + counts.size, dtype=np.intp)
+    bounds[place], parts[place] = begins - part.starts[piece], _clipped(part.worst(allowed[:n], distance))
+    bounds[np.cumsum(counts) - 1] = part.durations
+    return bounds, parts, counts
 
 
 def _clipped(worst: Array) -> Indices:
     return np.minimum(np.maximum(np.ceil(np.sqrt(worst)), 1), _MOST_PARTS).astype(np.intp)
 
 
-class _Look(NamedTuple):
+class _StepRanges(NamedTuple):
     """What the choice of times needs to know of the steps of paths.
 
     Quantities are the states, followed by the positions of all bodies.
@@ -112,7 +112,7 @@ class _Look(NamedTuple):
 
     begins: Array  # (k,): local time in s at which each step begins; the last step of a path has length 0
     counts: Indices  # (p,): how many steps each path has
-    moved: Array  # (k, n): how far the bodies come in each step
+    distances: Array  # (k, n): how far the bodies come in each step
     # bounds of second derivatives (steps, quantities), with each step scaled to length 1; an array per block of steps
     bends: tuple[Array, ...]
     # (states,): smallest and largest values in all steps
@@ -120,7 +120,7 @@ class _Look(NamedTuple):
     high: Array
 
     @classmethod
-    def at(cls, steps: Steps, n: int) -> _Look:
+    def at(cls, steps: Steps, n: int) -> _StepRanges:
         """Return ranges and bounds in the steps of some paths, in a scene with `n` bodies."""
         h = steps.lengths[:, None]
         values_and_integral, derivatives = _weights(steps.coefficients.shape[1], steps.is_chebyshev)
@@ -136,21 +136,21 @@ class _Look(NamedTuple):
         return parts[0] if len(parts) == 1 else np.concatenate([np.empty(0), *parts])
 
 
-def _looked_at(trajectory: Trajectory) -> _Look:
+def _step_ranges(trajectory: Trajectory) -> _StepRanges:
     """Return ranges and bounds in the steps of all paths."""
     n, size = trajectory.system.n, trajectory.system.size
-    found = [_Look.at(steps, n) for steps in trajectory.whole.steps]
+    found = [_StepRanges.at(steps, n) for steps in trajectory.whole.steps]
     if len(found) == 1:
         return found[0]
     none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n))
-    begins, counts, moved = (np.concatenate(parts) for parts in zip(none, *(look[:3] for look in found), strict=True))
-    bends = tuple(own for look in found for own in look.bends)
-    low = reduce(np.minimum, [look.low for look in found], np.full(size, np.inf))
-    high = reduce(np.maximum, [look.high for look in found], np.full(size, -np.inf))
-    return _Look(begins, counts, moved, bends, low, high)
+    begins, counts, distances = map(np.concatenate, zip(none, *(one[:3] for one in found), strict=True))
+    bends = tuple(own for one in found for own in one.bends)
+    low = reduce(np.minimum, [one.low for one in found], np.full(size, np.inf))
+    high = reduce(np.maximum, [one.high for one in found], np.full(size, -np.inf))
+    return _StepRanges(begins, counts, distances, bends, low, high)
 
 
-def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
+def _allowed(trajectory: Trajectory, steps: _StepRanges, patchworks: Sequence[Patchwork]) -> Array:
     """Return for each quantity how large its second derivative may be in a step of length 1."""
     system = trajectory.system
     n, size = system.n, system.size
@@ -170,16 +170,16 @@ def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwor
     return np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
 
 
-def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
+def _travel(trajectory: Trajectory, steps: _StepRanges, patchworks: Sequence[Patchwork]) -> Array:
     """Return how far the bodies have come by the ends of steps, and their extremes in patchworks, a line each."""
     if not patchworks:
-        return steps.moved.cumsum(axis=0)
+        return steps.distances.cumsum(axis=0)
     # the motion over each patchwork is inserted as one more step
     is_patchwork = np.array([isinstance(part, Patchwork) for part in trajectory.parts])
     before = np.append(0, steps.counts.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
     gone = np.array([part.at_ends[1] - part.at_ends[0] for part in patchworks])
-    moved = np.insert(steps.moved, before, gone, axis=0) if steps.moved.size else gone
-    come = moved.cumsum(axis=0)
+    distances = np.insert(steps.distances, before, gone, axis=0) if steps.distances.size else gone
+    come = distances.cumsum(axis=0)
     starts = come[before + np.arange(before.size)] - gone - [part.at_ends[0] for part in patchworks]
     extremes = np.array([[extreme[1] for extreme in part.ranges] for part in patchworks])
     return np.concatenate([come, *(starts[:, None] + extremes)])

@@ -12,7 +12,7 @@ import numpy as np
 from stickslip.equations.path import Path, values, whole_integrals
 from stickslip.model.arrays import Array, Complex, Indices, Mask
 
-_AT_ONCE = 50_000  # coefficients that are put together at once
+_COEFFICIENTS_AT_ONCE = 50_000
 _LEAST = np.finfo(float).tiny
 
 
@@ -85,14 +85,14 @@ class Blocks:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = paths
-        self._all = Steps.of(paths) if len(list(_limits(paths))) == 1 else None
+        self._all = Steps.of(paths) if len(list(_slices(paths))) == 1 else None
 
     def __iter__(self) -> Iterator[Steps]:
         """Yield all steps in order."""
         if self._all is not None:
             yield self._all
         else:
-            yield from (Steps.of(self._paths[some]) for some in _limits(self._paths))
+            yield from (Steps.of(self._paths[some]) for some in _slices(self._paths))
 
     def of(self, path_of: Indices) -> Iterator[tuple[Mask | slice, Indices, Steps]]:
         """Yield which entries of `path_of` a block holds, the numbers of their paths in it, and its steps."""
@@ -104,7 +104,7 @@ class Blocks:
         paths = [self._paths[k] for k in is_there.nonzero()[0].tolist()]
         path_of = (is_there.cumsum() - 1)[path_of]
         in_order = bool((path_of[1:] >= path_of[:-1]).all())
-        for some in _limits(paths):
+        for some in _slices(paths):
             within: Mask | slice = (path_of >= some.start) & (path_of < some.stop)
             if in_order:
                 # reading and writing a slice takes a tenth of the time
@@ -112,13 +112,13 @@ class Blocks:
             yield within, path_of[within] - some.start, Steps.of(paths[some])
 
 
-def _limits(paths: Sequence[Path]) -> Iterator[slice]:
+def _slices(paths: Sequence[Path]) -> Iterator[slice]:
     """Yield which paths are put side by side: of the same kind, and not too many."""
     first = ends = terms = 0
     for k, path in enumerate(paths):
         ends, terms = ends + path.taus.size, max(terms, path.coefficients.shape[1])
         is_other = path.is_chebyshev != paths[first].is_chebyshev
-        if k > first and (is_other or ends * terms * path.last.size > _AT_ONCE):
+        if k > first and (is_other or ends * terms * path.last.size > _COEFFICIENTS_AT_ONCE):
             yield slice(first, k)
             first, ends, terms = k, path.taus.size, path.coefficients.shape[1]
     if paths:

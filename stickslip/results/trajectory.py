@@ -23,7 +23,7 @@ from stickslip.results.pieces import Piece, Pieces, WholePieces
 
 T = TypeVar("T", bound=np.generic)
 
-_AT_ONCE = 2_000_000  # modes that are read at once
+_MODES_AT_ONCE = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class Trajectory(PickledByFields):
 
     def each_modes(self) -> Iterator[tuple[Modes, float]]:
         """Yield the modes of each piece as the equations know them, and how long it lasts in s."""
-        count = max(_AT_ONCE // max(self.system.m, 1), 1)
+        count = max(_MODES_AT_ONCE // max(self.system.m, 1), 1)
         for first in range(0, self.starts.size, count):
             numbers = np.arange(first, min(first + count, self.starts.size))
             inner = self.modes(numbers, np.zeros(numbers.size))[0]
@@ -169,7 +169,7 @@ class Trajectory(PickledByFields):
             yield self.whole, slice(None), piece_of
             return
         holder, own = self._places
-        for k, chosen in by_piece(holder[piece_of]):
+        for k, chosen in grouped(holder[piece_of]):
             yield self._holders[k], chosen, own[piece_of[chosen]]
 
     def _read(
@@ -209,7 +209,7 @@ class Trajectory(PickledByFields):
         """Return how far the bodies have come since the starts of pieces at local times, one column each."""
         return self._read(piece_of, taus, lambda part, own, times: part.distances(own, times))
 
-    def moved(self, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array | None:
+    def distances_from_start(self, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array | None:
         """Return how far bodies have come since the first start; None unless all pieces are in patchworks."""
         if not self.is_patchwork:
             return None
@@ -258,7 +258,7 @@ class Trajectory(PickledByFields):
         for part, chosen, own in self._by_part(piece_of):
             if part is not self.whole:
                 continue
-            for k, some in by_piece(set_of[own]):
+            for k, some in grouped(set_of[own]):
                 if k:
                     yield sets[k], np.arange(piece_of.size)[chosen][some] if self.patchworks else some
 
@@ -272,7 +272,7 @@ class Trajectory(PickledByFields):
         if dependence.is_linear:
             dependence.fill(found, y, t, taus, None)
             return found
-        for number, chosen in by_piece(piece_of):
+        for number, chosen in grouped(piece_of):
             part, motion = found[:, chosen], self.motion(number)
             dependence.fill(part, y[:, chosen], t[chosen], taus[chosen], motion.friction_of, dependence.but_rates)
             found[:, chosen] = part
@@ -287,7 +287,7 @@ class Trajectory(PickledByFields):
             return self.loads.after(self.starts[0]).sampled(starts + taus, only)
         number = np.array(self.loads.breaks).searchsorted(starts, side="right")
         found = []
-        for _, chosen in by_piece(number):
+        for _, chosen in grouped(number):
             begins = starts[chosen]
             found.append((chosen, self.loads.after(begins[0]).sampled(begins + taus[chosen], only)))
         return side_by_side(found, taus.size)
@@ -320,12 +320,12 @@ def columns(table: NDArray[T], chosen: Indices | slice) -> NDArray[T]:
     return found
 
 
-def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
-    """Yield each number in `piece_of`, and the places where it stands."""
-    if not piece_of.size:
+def grouped(number_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
+    """Yield each number in `number_of`, and the places where it stands."""
+    if not number_of.size:
         return
-    order = None if (piece_of[1:] >= piece_of[:-1]).all() else piece_of.argsort(kind="stable")
-    counts = np.bincount(piece_of)
+    order = None if (number_of[1:] >= number_of[:-1]).all() else number_of.argsort(kind="stable")
+    counts = np.bincount(number_of)
     numbers = counts.nonzero()[0]
     first = 0
     for number, last in zip(numbers.tolist(), counts[numbers].cumsum().tolist(), strict=True):

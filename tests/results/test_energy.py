@@ -254,7 +254,7 @@ def test_many_times_in_one_piece_are_integrated_in_parts(monkeypatch: pytest.Mon
 
     at_local = Samples.at_local
     monkeypatch.setattr(Samples, "at_local", counted)
-    monkeypatch.setattr(samples, "_AT_ONCE", 500)
+    monkeypatch.setattr(samples, "_VALUES_AT_ONCE", 500)
     parts = energy(result.sample(result.t))
     assert len(asked) > 10 and max(asked) < 100
     # closed form: v = 3 - 2 t until 1.5 s, the heat is what the body loses

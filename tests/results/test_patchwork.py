@@ -29,8 +29,8 @@ def test_values_and_integrals_are_those_of_each_polynomial(times: int) -> None:
     number, origin, begin = np.arange(count), rng.random(count), rng.random(count)
     series = SeriesOfMany(number, number, origin, begin, np.zeros(count), terms)
     t = np.sort(rng.random(times))
-    held = series.held(np.full(times, count), slice(None))
-    values, moved = (series.values(held, t, unit, integrated) for integrated in (False, True))
+    valid = series.valid(np.full(times, count), slice(None))
+    values, moved = (series.values(valid, t, unit, integrated) for integrated in (False, True))
     for k in range(count):
         own = np.polynomial.Polynomial(terms[k])
         s = (t - origin[k]) / unit

@@ -38,7 +38,7 @@ def integral(one: Path, tau: float) -> np.ndarray:
 def test_values_and_integrals_are_those_of_each_path(
     monkeypatch: pytest.MonkeyPatch, is_chebyshev: bool, at_once: int
 ) -> None:
-    monkeypatch.setattr(steps, "_AT_ONCE", at_once)
+    monkeypatch.setattr(steps, "_COEFFICIENTS_AT_ONCE", at_once)
     rng = np.random.default_rng(at_once)
     # the third is only a state
     paths = [path(rng, count, terms, is_chebyshev) for count, terms in ((1, 2), (4, 7), (0, 1), (3, 2), (2, 9))]

@@ -27,7 +27,7 @@ from stickslip.events.endings import at_limit, at_stops, at_stops_at_start
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.scene import Scene
 from stickslip.results.pieces import Piece
-from stickslip.results.trajectory import by_piece
+from stickslip.results.trajectory import grouped
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled, simulate
@@ -330,7 +330,7 @@ class Variation(Nearby):
         """Return values at any times by reading each piece at local times; the last two axes are time and direction."""
         place = self.trajectory.places(times)
         taus = self.trajectory.local(place, times)
-        parts = [(some, read(number, taus[some])) for number, some in by_piece(place)]
+        parts = [(some, read(number, taus[some])) for number, some in grouped(place)]
         parts = parts or [(slice(None), read(0, times))]
         found = np.empty((*parts[0][1].shape[:-2], times.size, self.count))
         for some, part in parts:

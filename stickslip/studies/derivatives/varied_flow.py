@@ -16,7 +16,7 @@ from stickslip.studies.derivatives.steep import SteepPath
 _ORDER = 20
 _REMAINDER = 1e-16
 _JOINED = 16  # most steps of the solver that one collocation covers
-_AT_ONCE = 8  # number of collocations for which the forcing of S is computed together
+_COLLOCATIONS_AT_ONCE = 8  # for which the forcing of S is computed together
 _GROWTH, _LEAST = 4.0, 1e-9  # largest factor by which the number of joined steps may grow, and least roughness
 
 # The last coefficient of a polynomial may be this part of the largest one. The error of S is far smaller: 1e-11 in
@@ -109,7 +109,7 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
     first, last, joined = 0, steps.size - 1, _JOINED
     while first < last:
         until = stops[np.searchsorted(stops, first, side="right")]
-        edges = np.unique(np.minimum(first + joined * np.arange(_AT_ONCE + 1), until))
+        edges = np.unique(np.minimum(first + joined * np.arange(_COLLOCATIONS_AT_ONCE + 1), until))
         begins, lengths = steps[edges[:-1]], np.diff(steps[edges])
         taus = (begins[:, None] + lengths[:, None] * nodes).ravel()
         y = path.at(taus)
