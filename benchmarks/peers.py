@@ -2,7 +2,7 @@
 
     python -m benchmarks.peers [--repeats 21]
 
-Each script is what a competent user would write: one smooth segment after another between load breaks and
+Each script is what a competent user would write: one smooth phase after another between load breaks and
 events, with analytic rates and guards, plain floats in the callbacks and the exact Jacobian for the implicit
 methods. It runs at the loosest tolerance at which velocities and event times are right to 2e-7. The scripts
 take turns with `simulate` (A B A B ...), so that a noisy machine hits both alike.
@@ -55,7 +55,7 @@ class Answer:
 
 @dataclass
 class Phase:
-    """One smooth segment: the modes of both contacts, and the brake's normal force ``n0 + n1 (t - t0)``."""
+    """One smooth phase: the modes of both contacts, and the brake's normal force ``n0 + n1 (t - t0)``."""
 
     t0: float
     t1: float
@@ -130,11 +130,11 @@ class Phase:
 # what a solver returns for a phase: the time and state at its end, the guard that ended it (or None), the
 # velocities at the outputs in [t0, t), steps and rate calls
 Ended = tuple[float, list[float], int | None, Array, int, int]
-Segment = Callable[[Phase, Array], Ended]
+Solve = Callable[[Phase, Array], Ended]
 
 
-def march(segment: Segment) -> Answer:
-    """Go from segment to segment; `segment` does the work of one solver."""
+def march(solve: Solve) -> Answer:
+    """Go from phase to phase; `solve` does the work of one solver."""
     found, events, steps, nfev, done = [], [], 0, 0, 0
     t, v, modes, since = 0.0, [1.0, 1.01], [-1, 1], [0.0, 0.0]
     edges = (BENCHMARK_SPAN[0], *BRAKE_TIMES, BENCHMARK_SPAN[1])
@@ -144,7 +144,7 @@ def march(segment: Segment) -> Answer:
         while t < stop:
             phase = Phase(t, stop, before + slope * (t - start), slope, modes, since, v)
             last = int(np.searchsorted(OUTPUTS, stop, side="right" if stop == edges[-1] else "left"))
-            t, v, guard, at, n, calls = segment(phase, OUTPUTS[done:last])
+            t, v, guard, at, n, calls = solve(phase, OUTPUTS[done:last])
             done += len(at)
             found.append(at)
             steps, nfev = steps + n, nfev + calls
@@ -160,10 +160,10 @@ def march(segment: Segment) -> Answer:
 
 
 def sundae(method: str, rtol: float, *, at_outputs: bool) -> Answer:
-    """A fresh CVODE for each segment: two-point `solve` and Hermite outputs, or `solve` at the outputs."""
+    """A fresh CVODE for each phase: two-point `solve` and Hermite outputs, or `solve` at the outputs."""
     from sksundae.cvode import CVODE
 
-    def segment(phase: Phase, outputs: Array) -> Ended:
+    def solve(phase: Phase, outputs: Array) -> Ended:
         a1, s1, a2, s2 = phase.rates()
         t0, (contacts, guards) = phase.t0, phase.guards()
 
@@ -201,7 +201,7 @@ def sundae(method: str, rtol: float, *, at_outputs: bool) -> Answer:
         steps = 0 if at_outputs else len(t) - 1  # the number of its own steps is not known
         return float(t[-1]), y[-1].tolist(), guard, at, steps, found.nfev
 
-    return march(segment)
+    return march(solve)
 
 
 def hermite(t: Array, y: Array, left: Array, right: Array, at: Array) -> Array:
@@ -218,12 +218,12 @@ def hermite(t: Array, y: Array, left: Array, right: Array, at: Array) -> Array:
 
 
 def scipy(method: str, rtol: float) -> Answer:
-    """`solve_ivp` for each segment, with terminal events."""
+    """`solve_ivp` for each phase, with terminal events."""
     from scipy.integrate import solve_ivp
 
     zero = np.zeros((2, 2))
 
-    def segment(phase: Phase, outputs: Array) -> Ended:
+    def solve(phase: Phase, outputs: Array) -> Ended:
         a1, s1, a2, s2 = phase.rates()
         t0, (contacts, guards) = phase.t0, phase.guards()
 
@@ -256,7 +256,7 @@ def scipy(method: str, rtol: float) -> Answer:
         t, v = float(found.t_events[guard][0]), found.y_events[guard][0].tolist()
         return t, v, guard, found.y.T[: int(np.searchsorted(outputs, t))], 0, found.nfev
 
-    return march(segment)
+    return march(solve)
 
 
 # -- PathSim --------------------------------------------------------------------------------------------

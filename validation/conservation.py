@@ -121,8 +121,8 @@ def momentum_error(m: Motion) -> float:
             impulse[name] = impulse[name] + force
     gained = [m.edges(p - p[0]) - m.integral(impulse[name]) for name, p in momentum.items()]
     # the sizes of all forces on bodies, those between bodies too
-    given = m.integral(sum((np.abs(f) for name, f in _forces(m.at) if name in momentum), zero))
-    scale = max(float(np.max(sum(map(np.abs, momentum.values())))), float(given[-1])) or 1.0
+    total = m.integral(sum((np.abs(f) for name, f in _forces(m.at) if name in momentum), zero))
+    scale = max(float(np.max(sum(map(np.abs, momentum.values())))), float(total[-1])) or 1.0
     return float(np.abs(gained).max()) / scale
 
 

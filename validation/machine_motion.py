@@ -26,8 +26,8 @@ class Modes:
 
     slips: Mapping[int, int]  # +1 or -1 of contacts
     held: tuple[int, ...]  # stuck contacts, locked clutches, closed stops
-    # of gaps: +1 or -1 for the limit, and the force: "twice" the spring's, "both" spring's and damper's, or "none"
-    presses: Mapping[int, tuple[int, str]]
+    # of gaps beyond a limit: its side, and the force: "twice" the spring's, "both" spring's and damper's, or "none"
+    gap_regions: Mapping[int, tuple[int, str]]
     sides: Mapping[int, int]  # of closed stops: +1 or -1
 
 
@@ -90,7 +90,7 @@ class Machine:
         """Relative velocities in the free coordinates; rows that ties lock are 0, not roundoff."""
         self.J[np.abs(self.J) < 1e-12 * np.abs(self.G).max(initial=1.0)] = 0.0
         self.inverse = np.linalg.inv((self.Z.T * self.mass) @ self.Z)
-        """Of the inertia in the free coordinates."""
+        """The inverse of the inertia in the free coordinates."""
 
     def _loads(self, index: Mapping[str, int]) -> None:
         data, bodies = self.data, self.data["bodies"]
@@ -159,13 +159,13 @@ class Machine:
         clutches = [j for j, kind in enumerate(self.kinds) if kind == "one-way"]
         wanted = {j: self.rows[j].get("e", 0.0) * max(at[j] * before[j], 0.0) for j in hit}
         part = [j for j in (*at, *clutches) if at.get(j, 1) * before[j] >= -1e-9 * size]
-        q = self._nearest(v, u, part, at, wanted, size)
+        q = self._impact(v, u, part, at, wanted, size)
         after = self.G @ self.velocity(q, u)
         if any(at.get(j, 1) * after[j] > 1e-9 * size for j in (*at, *clutches)):
-            q = self._nearest(self.velocity(q, u), u, [*at, *clutches], at, {}, size)
+            q = self._impact(self.velocity(q, u), u, [*at, *clutches], at, {}, size)
         return q
 
-    def _nearest(
+    def _impact(
         self,
         v: Array,
         u: Array,
@@ -175,9 +175,9 @@ class Machine:
         size: float,
     ) -> Array:
         free = self.inverse @ ((self.Z.T * self.mass) @ (v - self.P @ u))
-        turn = np.array([float(at.get(j, 1)) for j in part])
-        H = -turn[:, None] * self.J[list(part)] if part else np.zeros((0, self.r))
-        led = -turn * (self.G[list(part)] @ self.P @ u) if part else np.zeros(0)
+        sign = np.array([float(at.get(j, 1)) for j in part])
+        H = -sign[:, None] * self.J[list(part)] if part else np.zeros((0, self.r))
+        led = -sign * (self.G[list(part)] @ self.P @ u) if part else np.zeros(0)
         short = np.array([wanted.get(j, 0.0) for j in part]) - led - H @ free
         least = 1e-9 * size * max(1.0, float(np.abs(self.G).max(initial=0.0)))
         for count in range(len(part) + 1):
@@ -236,12 +236,12 @@ class Motion:
             force[i] += self._signal(load)
         for j, sign in modes.slips.items():
             force -= np.outer(m.G[j], sign * m.kinetic(j, sign) * self.normal[j])
-        for j in modes.presses:
+        for j in modes.gap_regions:
             force -= np.outer(m.G[j], self.push(j))
         self.force = force
         rate = m.inverse @ (m.Z.T @ (force - m.mass[:, None] * led))
         self.size = np.abs(first)
-        """Sizes of the states: sines may be 0 for a moment."""
+        """The sizes of the states, 1 for sines: these may be 0 for a moment."""
         self.size[self._one + 2 :] = 1.0
         pushes = np.abs(m.Z.T) @ (np.abs(force) @ self.size + m.mass * (np.abs(led) @ self.size))
         self.swift = float((np.abs(m.J) @ (np.abs(m.inverse) @ pushes)).max(initial=1e-9))
@@ -301,7 +301,7 @@ class Motion:
 
     def push(self, j: int) -> Array:
         """Return the force of a gap that is pressed."""
-        side, branch = self.modes.presses[j]
+        side, branch = self.modes.gap_regions[j]
         row, depth = self.machine.rows[j], self.depth(j, side)
         push, drag = row["k"] * depth, row.get("c", 0.0) * side * (self.machine.G[j] @ self.V)
         return side * {"twice": 2 * push, "both": push + drag, "none": 0 * push}[branch]
@@ -313,11 +313,11 @@ class Motion:
         for j, kind in enumerate(m.kinds):
             if kind == "one-way" and j not in self.modes.held:
                 found.append(Guard((j,), -self.W[j]))
-            if (kind == "stop" and j not in self.modes.sides) or (kind == "gap" and j not in self.modes.presses):
+            if (kind == "stop" and j not in self.modes.sides) or (kind == "gap" and j not in self.modes.gap_regions):
                 sides = [s for s, limit in zip((-1, 1), m.limits(j), strict=True) if math.isfinite(limit)]
                 found += [Guard((j,), -self.depth(j, side)) for side in sides]
-            if kind == "gap" and j in self.modes.presses:
-                side, branch = self.modes.presses[j]
+            if kind == "gap" and j in self.modes.gap_regions:
+                side, branch = self.modes.gap_regions[j]
                 depth = self.depth(j, side)
                 push, drag = m.rows[j]["k"] * depth, m.rows[j].get("c", 0.0) * side * self.W[j]
                 found.append(Guard((j,), depth))
@@ -407,7 +407,7 @@ class Motion:
             if j in self.modes.slips:
                 sign = self.modes.slips[j]
                 found[name] = sign * m.kinetic(j, sign) * float(self.normal[j] @ y)
-            elif j in self.modes.presses:
+            elif j in self.modes.gap_regions:
                 found[name] = float(self.push(j) @ y)
             elif j not in self.modes.held:
                 found[name] = 0.0

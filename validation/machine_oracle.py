@@ -180,10 +180,10 @@ class _Run:
         moving = {j: 1 if w[j] > 0 else -1 for j, kind in enumerate(m.kinds) if kind == "contact" and j not in rest}
         found: list[Motion] = []
         seen = set()
-        for presses in self._presses():
-            trial = _Trial(self, moving, rest, presses)
+        for gap_regions in self._gap_regions():
+            trial = _Trial(self, moving, rest, gap_regions)
             for modes in trial.candidates():
-                key = (tuple(sorted(modes.slips.items())), modes.held, tuple(sorted(modes.presses.items())))
+                key = (tuple(sorted(modes.slips.items())), modes.held, tuple(sorted(modes.gap_regions.items())))
                 if key in seen:
                     continue
                 seen.add(key)
@@ -200,7 +200,7 @@ class _Run:
     def since_of(self, modes: Modes) -> dict[int, float]:
         return {j: self._since[j] for j in modes.held if self.machine.kinds[j] == "contact"}
 
-    def _presses(self) -> list[dict[int, tuple[int, str]]]:
+    def _gap_regions(self) -> list[dict[int, tuple[int, str]]]:
         """Return the regions that the gaps may be in, in all combinations; a gap at a border may be on either side."""
         m = self.machine
         v = m.velocity(self.q, self.u)
@@ -285,7 +285,7 @@ class _Run:
             elif kind == "stop":
                 found[j] = modes.sides.get(j, OPEN)
             else:
-                found[j] = modes.presses[j][0] if j in modes.presses else OPEN
+                found[j] = modes.gap_regions[j][0] if j in modes.gap_regions else OPEN
         return found
 
     def _note(self, motion: Motion) -> None:
@@ -382,10 +382,10 @@ class _Trial:
         run: _Run,
         moving: Mapping[int, int],
         rest: Sequence[int],
-        presses: Mapping[int, tuple[int, str]],
+        gap_regions: Mapping[int, tuple[int, str]],
     ) -> None:
         self._run, self._m = run, run.machine
-        self._moving, self._presses = moving, presses
+        self._moving, self._gap_regions = moving, gap_regions
         self._stuck = [j for j in rest if self._m.kinds[j] == "contact"]
         self._sided = [j for j in rest if self._m.kinds[j] != "contact"]
         if len(rest) > MOST_ROWS:
@@ -399,7 +399,7 @@ class _Trial:
         run = self._run
         held = sorted([j for j in self._stuck if j not in slips] + list(sided))
         sides = {j: run.at[j] for j in sided if self._m.kinds[j] == "stop"}
-        modes = Modes({**self._moving, **slips}, tuple(held), self._presses, sides)
+        modes = Modes({**self._moving, **slips}, tuple(held), self._gap_regions, sides)
         return Motion(self._m, run.t, run.x, run.q, modes, run.since_of(modes))
 
     def _settle(self, eager: bool, slips: dict[int, int], tried: frozenset[tuple[tuple[int, int], ...]]) -> list[Modes]:

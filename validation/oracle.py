@@ -27,7 +27,7 @@ TRIAL = 1e-3  # part of the span that is tried to see whether a normal force tha
 
 # Part of the span within which a contact that changes twice grazes: no tolerance can tell whether it changes at all.
 GRAZE = 1e-6
-PARTS = 20  # of the span, integrated one by one: what is integrated beyond an event is in vain
+PARTS_OF_SPAN = 20  # integrated one by one: what is integrated beyond an event is in vain
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class _Run:
             before = self.t
             settled = self._settle()
             following = next((b for b in system.breaks if b > just_after(self.t)), system.stop)
-            self._move(settled, following if system.linear else min(following, self.t + system.span / PARTS))
+            self._move(settled, following if system.linear else min(following, self.t + system.span / PARTS_OF_SPAN))
             stalls = stalls + 1 if self.t - before < 1e-14 * max(1.0, self.t) else 0
             if stalls > MOST_STALLS or len(self.solution.events) > MOST_EVENTS:
                 raise Doubt(self.t, "events without end")
