@@ -53,11 +53,11 @@ class Steps:
         return self.firsts[1:] - self.firsts[:-1]
 
     def values(self, path_of: Indices, taus: Array) -> Array:
-        """Return the states at local times of paths, a row each."""
+        """Return the states at local times of paths, a line each."""
         return values(self.coefficients, *self._places(path_of, taus), self.is_chebyshev)
 
     def integrals(self, path_of: Indices, taus: Array, count: int) -> Array:
-        """Return the integrals of the first states from the starts of paths to local times, a row each."""
+        """Return the integrals of the first states from the starts of paths to local times, a line each."""
         own = self.coefficients[:, :, :count]
         step, s = self._places(path_of, taus)
         whole = self.lengths[:, None] * (whole_integrals(own.shape[1], self.is_chebyshev) @ own)
