@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -122,9 +122,9 @@ class Inputs:
         """Return the normal forces at local time `tau`."""
         return np.maximum(self.inputs(tau, y)[: self.system.m], 0.0)
 
-    def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
+    def friction_of(self, row: int, w: float, normal: float, tau: float, deflection: Sequence[float]) -> float:
         """Return the friction force of one row at local time `tau`, 0 where it is held."""
-        return self.equations.friction_of(row, w, normal, self.t + tau - self.since[row], y)
+        return self.equations.friction_of(row, w, normal, self.t + tau - self.since[row], deflection)
 
     def in_columns(self, more: int) -> tuple[Columns, Array]:
         """Return inputs and dwells of a small motion as sums over columns, with room for so many `more` terms."""
@@ -183,6 +183,19 @@ class Inputs:
         found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self.friction_of, self.table_regions)
         if self._rising.size:
             decay = np.exp(-(self._age + self._rate * tau))
+            found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
+        return found
+
+    def input_changes(self, dy: Array, dq: Array) -> Array:
+        """Return the changes of inputs and dwells at the start, for changes `dy` of the state and `dq` of loads.
+
+        Each column is one change; a load also changes the inputs that depend on it.
+        """
+        found = dq.copy()
+        if self.dependence is not None:
+            self.dependence.add_changes(found[: self.system.inputs], dy, self._slopes_by_arguments)
+        if self._rising.size:
+            decay = np.exp(-self._age)
             found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
         return found
 

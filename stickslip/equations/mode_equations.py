@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -456,7 +456,7 @@ class ModeEquations:
         pull = dense(self.system.G[[row]])[0]
         return float(pull @ self.balance.accelerations(pull))
 
-    def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
+    def friction_of(self, row: int, w: float, normal: float, rested: float, deflection: Sequence[float]) -> float:
         """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""
         system, mode = self.system, int(self.modes[row])
         if row not in self.velocity_dependent:
@@ -468,9 +468,8 @@ class ModeEquations:
             law = self._alone[row] = VelocityDependentForces([system.laws.laws[row]], sign)
         dwell = float(system.dwell[row])
         lag = math.exp(-rested / dwell) if dwell > 0 else 0.0
-        z = y[[system.bristle_state[row]]] if law.bristles.size else np.empty(0)
         one = np.array
-        return float(law.forces(one([w]), one([normal]), one([lag]), z)[0])
+        return float(law.forces(one([w]), one([normal]), one([lag]), one(deflection, dtype=float))[0])
 
     def law_jacobian(self, slopes: Array) -> Any:
         """Return what the velocity-dependent rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""

@@ -131,7 +131,9 @@ class System:
 
     def _place_inputs(self, book: Book) -> None:
         """Resolve what forces, blocks and events of the user depend on, and give every input its place."""
-        reader = self.reader = Reader(book, self.position_state, self.blocks, shares=not self.generic)
+        reader = self.reader = Reader(
+            book, self.position_state, self.bristle_state, self.blocks, shares=not self.generic
+        )
         forces = [_parts(load) for _, load, _ in book.forces]
         pressed = [_parts(row.normal) for row in book.rows]
         self.normals = [own for own, _ in pressed]

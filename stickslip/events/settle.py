@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -224,9 +225,9 @@ def inputs_before(system: System, segment: Segment, now: Situation, regions: Tab
         regions_of_rows = system.piecewise.at(now.y, q, now.regions)
         equations = equations_in(modes, system, regions_of_rows)
 
-        def friction(row: int, w: float, normal: float, tau: float, y: Array) -> float:
+        def friction(row: int, w: float, normal: float, tau: float, deflection: Sequence[float]) -> float:
             held = float(now.t - now.since[row])
-            return equations.friction_of(row, w, normal, held + tau, y) if normal > 0 else 0.0
+            return equations.friction_of(row, w, normal, held + tau, deflection) if normal > 0 else 0.0
 
     system.dependence.fill(q, now.y, now.t, 0.0, friction, regions=regions)
     return q

@@ -194,8 +194,8 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     unit = np.zeros((system.inputs_and_dwells, len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
     held = motion.equations.consistent(np.zeros((system.size, len(columns))), system.drive_velocities(unit))
-    by_inputs = _response(motion, held, unit + _inputs_of_states(motion, held))
-    by_states = _response(motion, to_states, _inputs_of_states(motion, to_states))
+    by_inputs = _response(motion, held, motion.input_changes(held, unit))
+    by_states = _response(motion, to_states, motion.input_changes(to_states, np.zeros((len(unit), len(chosen)))))
     outputs, (C, D) = _outputs(motion, [(to_states, by_states), (held, by_inputs)])
     A, B = by_states.rates[chosen], by_inputs.rates[chosen]
     return LinearModel(A, B, C, D, names, inputs, outputs, modes, t)
@@ -296,13 +296,6 @@ class _Response(NamedTuple):
     rates: Array
     relative: Array
     forces: Array
-
-
-def _inputs_of_states(motion: Motion, dy: Array) -> Array:
-    """Return the changes of the inputs that depend on the state, for changes `dy` of the state."""
-    if motion.dependence is None:
-        return np.zeros((motion.system.inputs_and_dwells, dy.shape[1]))
-    return np.asarray(motion.input_slopes(0.0, motion.y) @ dy[motion.dependence.columns])
 
 
 def _response(motion: Motion, dy: Array, dq: Array) -> _Response:

@@ -21,16 +21,20 @@ from stickslip import (
     Gear,
     LuGre,
     Mode,
+    Quantity,
     Scene,
     Spring,
     StateSpace,
     Stop,
     Tie,
+    feedback,
     linearize,
     normal,
     output,
     pid,
     position,
+    power,
+    relative_velocity,
     saturate,
     simulate,
     sine,
@@ -51,6 +55,54 @@ def test_normal_forces_of_contacts_are_inputs_and_those_of_ties_are_none() -> No
     assert model.inputs == ("force(m)", "force(wheel)", "normal(c)")
     row = model.states.index("velocity(m)")
     assert np.allclose(model.B[row], [1 / 3, 2 / 3, -0.1 / 3])
+
+
+@pytest.mark.parametrize(
+    ("push", "by_normal", "by_belt"),
+    [
+        # v' = -0.4 N + push, with N = 10 N, w = 2 m/s - 0.5 m/s
+        (feedback(lambda n: 0.01 * n * n, normal("c")), -0.4 + 0.2, 0.0),
+        (table(normal("c"), [-100.0, 100.0], [-10.0, 10.0]), -0.4 + 0.1, 0.0),
+        (feedback(lambda v: v * v, velocity("belt")), -0.4, 1.0),
+        (feedback(lambda w: w * w, relative_velocity("c")), -0.4, -3.0),
+        (0.1 * power("c"), -0.4 + 0.04 * 1.5, -0.4),
+        (output("square"), -0.4, -3.0),
+    ],
+)
+def test_forces_that_read_inputs_by_functions(push: Quantity, by_normal: float, by_belt: float) -> None:
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=2.0),
+        Drive("belt", velocity=0.5),
+        Contact("c", "m", "belt", DryFriction(0.4, 0.4), normal=10.0),
+        Block("square", inputs=[relative_velocity("c")], output=lambda t, x, u: u[0] ** 2),
+        Force("m", push),
+    )
+    model = linearize(scene)
+    assert model.inputs == ("force(m)", "normal(c)", "velocity(belt)", "acceleration(belt)")
+    assert model.B[0] == pytest.approx([1.0, by_normal, by_belt, 0.0], abs=1e-6)
+
+
+def test_a_contact_that_another_one_presses_follows_its_normal_force() -> None:
+    """Both brake the body: v' = -0.2 N - 0.4 (1.5 N)."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=2.0),
+        Contact("c", "m", GROUND, DryFriction(0.2, 0.2), normal=10.0),
+        Contact("d", "m", GROUND, DryFriction(0.4, 0.4), normal=1.5 * normal("c")),
+    )
+    model = linearize(scene)
+    place = model.inputs.index("normal(c)")
+    assert model.B[0, place] == pytest.approx(-0.8)
+    assert model.D[model.outputs.index("force(d)"), place] == pytest.approx(0.6)
+
+
+def test_the_power_of_bristles_depends_on_their_deflection() -> None:
+    """``v' = -(1 - g v) r`` with ``r = 25 z``: its derivative by z is -25 (1 - g v)."""
+    law = LuGre(DryFriction(0.4, 0.3), stiffness=25.0, damping=0.0)
+    contact = Contact("c", "m", GROUND, law, normal=10.0, deflection=0.05)
+    scene = Scene(Body("m", inertia=1.0, velocity=1.5), contact, Force("m", 0.05 * power("c")))
+    model = linearize(scene)
+    assert model.states == ("velocity(m)", "deflection(c)")
+    assert model.A[0, 1] == pytest.approx(-25.0 * (1 - 0.05 * 1.5))
 
 
 def test_a_mass_on_a_spring() -> None:

@@ -40,6 +40,7 @@ from stickslip import (
     output,
     piecewise_linear,
     position,
+    power,
     saturate,
     sensitivities,
     simulate,
@@ -310,6 +311,17 @@ def test_friction_that_is_steep_at_rest(exponent: float, off: float, name: str) 
     assert np.abs(all_of(found)[:, 0] - told).max() <= off * np.abs(told).max()
 
 
+@pytest.mark.parametrize("exponent", [0.6, 1.0])
+def test_a_feedback_that_is_a_spring_changes_no_derivative_where_friction_is_steep_at_rest(exponent: float) -> None:
+    law = DryFriction(0.4, 0.3, stribeck_velocity=0.5, stribeck_exponent=exponent)
+    elements = Body("m", inertia=1.0, velocity=2.0), Contact("c", "m", GROUND, law, normal=10.0)
+    pulls = Spring("m", GROUND, stiffness=5.0), Force("m", feedback(lambda x: -5.0 * x, position("m")))
+    found = [sensitivities(Scene(*elements, pull), (0.0, 0.8), ["m.velocity", "m.inertia"]) for pull in pulls]
+    assert [one.reasons for one in found] == [(), ()] and len(found[0].result.events) == 1
+    assert found[1].events == pytest.approx(found[0].events, rel=1e-6)
+    assert found[1].position("m") == pytest.approx(found[0].position("m"), rel=1e-6)
+
+
 @pytest.mark.slow
 def test_friction_that_falls_too_steeply_from_rest_has_no_derivative() -> None:
     """``w' = c w^d + k v t`` with d < 1/2: the first term outruns the second, which tells when it begins."""
@@ -351,6 +363,29 @@ def test_bristles_that_the_motion_presses_on() -> None:
     for k, one in enumerate(named_parameters(scene, names, "test")):
         told = differences(scene, span, one.name, all_in, 1e-3 * one.value)
         assert np.abs(exact[:, k] - told).max() <= 1e-6 * np.abs(told).max(), one.name
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.05])
+def test_the_power_of_bristles_depends_on_their_deflection(gain: float) -> None:
+    """``v' = -5 x - (1 - gain v) r`` with ``r = 50 z`` and ``z' = v - 50 |v| z / 3``, against an own solution."""
+    law = LuGre(DryFriction(0.3, 0.3), stiffness=50.0, damping=0.0)
+
+    def last(speed: float) -> float:
+        def rate(t: float, y: np.ndarray) -> list[float]:
+            v, x, z = y
+            return [-5 * x - (1 - gain * v) * 50 * z, v, v - 50 * abs(v) * z / 3]
+
+        return float(solve_ivp(rate, (0.0, 0.3), [speed, 0.0, 0.0], method="DOP853", rtol=1e-12, atol=1e-14).y[0, -1])
+
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.5),
+        Contact("c", "m", GROUND, law, normal=10.0),
+        Spring("m", GROUND, stiffness=5.0),
+        Force("m", gain * power("c")),
+    )
+    found = sensitivities(scene, (0.0, 0.3), ["m.velocity"])
+    wanted = (8 * (last(1.5 + 1e-4) - last(1.5 - 1e-4)) - last(1.5 + 2e-4) + last(1.5 - 2e-4)) / 12e-4
+    assert found.velocity("m")[0] == pytest.approx(wanted, abs=1e-7)
 
 
 @pytest.mark.parametrize("method", ["auto", "BDF"])

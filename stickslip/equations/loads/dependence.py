@@ -20,8 +20,8 @@ _CANCELLED = 1e-14  # part of what adds up in a sum below which it is roundoff
 _KEPT = 16  # values of a function that are remembered: the solver and its guards ask for the same ones
 
 # The friction force of a row, 0 where it is held, from its number, its relative velocity and normal force, the local
-# time and the state.
-Friction = Callable[[int, float, float, float, Array], float]
+# time, and the deflection of its bristles if it has some.
+Friction = Callable[[int, float, float, float, Sequence[float]], float]
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,8 @@ class Dependence:
                 given = [columns.time(t), *arguments]
                 places = columns.add(self._in_floats(number), given, node.width)
             else:
-                places = columns.add(_power_of(friction(node.row)), arguments)
+                # bristles that carry a force are not followed in floats
+                places = columns.add(_power_of(friction(node.row)), arguments[:2])
             q[own] = 0.0
             q[own.start + np.arange(node.width), places] = 1.0
         if self.rows.size:
@@ -280,13 +281,13 @@ class Dependence:
             if q.ndim == 1 and node.row < 0:
                 q[own] = self._called(number, t, tuple(arguments.tolist()))
             elif q.ndim == 1:
-                q[own] = _power(node, arguments, tau, y, friction)
+                q[own] = _power(node, arguments, tau, friction)
             elif node.row < 0:
                 given = zip(t.tolist(), arguments.T.tolist(), strict=True)
                 q[own] = np.array([self._called(number, time, tuple(x)) for time, x in given]).T
             else:
                 for k in range(q.shape[1]):
-                    q[own, k] = _power(node, arguments[:, k], float(tau[k]), y[:, k], friction)
+                    q[own, k] = _power(node, arguments[:, k], float(tau[k]), friction)
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
@@ -349,6 +350,16 @@ class Dependence:
         self.add_sizes(q, y, slopes, None)
         return self.adds_up(q, y)
 
+    def add_changes(self, q: Array, y: Array, slopes: Sequence[Array]) -> None:
+        """Add the changes of the inputs that depend on the state, in place, to changes of the other inputs.
+
+        `q` and `y` are changes, a column each; `slopes` are the derivatives of nodes by their arguments.
+        """
+        for by_arguments, forms, own in zip(slopes, self.arguments, self._ranges, strict=True):
+            q[own] += by_arguments @ forms.at(y, q)
+        if self.rows.size:
+            q[self.rows] += self._normals.at(y, q)
+
     def slopes(
         self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> Array:
@@ -386,7 +397,7 @@ class Dependence:
             else:
 
                 def heat(x: Array, node: Node = node) -> Array:
-                    return np.array([_power(node, x, tau, y, friction)])
+                    return np.array([_power(node, x, tau, friction)])
 
                 found.append(differences(heat, arguments, q[self._ranges[number]]))
         return found
@@ -398,11 +409,11 @@ def _told(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -
     return f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})"
 
 
-def _power(node: Node, x: Array, tau: float, y: Array, friction: Friction | None) -> float:
-    w, normal = x.tolist()
+def _power(node: Node, x: Array, tau: float, friction: Friction | None) -> float:
+    w, normal, *deflection = x.tolist()
     if friction is None or not w:
         return 0.0
-    return float(w) * friction(node.row, w, max(normal, 0.0), tau, y)
+    return float(w) * friction(node.row, w, max(normal, 0.0), tau, deflection)
 
 
 def _power_of(force: Callable[[float, float], float]) -> Callable[[float, float], float]:

@@ -108,17 +108,24 @@ def differences(function: Callable[[Array], Array], arguments: Array, value: Arr
 class Reader:
     """Resolves quantities to linear forms.
 
-    `position_state` are the places of the positions of bodies and drives in the state, `places` those of blocks.
+    `position_state` are the places of the positions of bodies and drives in the state, `bristle_state` those of the
+    bristles of rows, and `places` those of blocks.
     `signals` are the loads that are inputs of their own, and `nodes` the functions, each after those that it depends
     on. If it `shares`, a load or function that is read at several places is one input; `is_shared` tells whether there
     is one.
     """
 
     def __init__(
-        self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace], shares: bool = True
+        self,
+        book: Book,
+        position_state: dict[int, int],
+        bristle_state: dict[int, int],
+        places: dict[str, BlockPlace],
+        shares: bool = True,
     ) -> None:
         self._shares, self.is_shared = shares, False
         self._book, self._position_state, self._places = book, position_state, places
+        self._bristle_state = bristle_state
         self._functions: dict[str, int] = {}
         self._row_of = book.row_index
         self._resolving: list[tuple[Quantity, str]] = []
@@ -291,7 +298,9 @@ class Reader:
         label = f"the power of contact {row!r}"
         normal = self._inside(atom, label, lambda: self.form(of.Normal(row), label))
         w = self._along(row, self._velocity)
-        return self._node(Node(label, [w, normal], row=self._row_of[row]))
+        j = self._row_of[row]
+        bristles = [Form({self._bristle_state[j]: 1.0})] if j in self._bristle_state else []
+        return self._node(Node(label, [w, normal, *bristles], row=j))
 
     def _inside(self, atom: Quantity, label: str, resolve: Callable[[], _Found]) -> _Found:
         """Resolve what a quantity depends on; where that is the quantity itself, refuse."""
