@@ -78,6 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SimulationError as error:
         print(f"stickslip: {error}", file=sys.stderr)
         return _FAILED
+    except KeyboardInterrupt:
+        print("stickslip: interrupted", file=sys.stderr)
+        return _INTERRUPTED
     except BrokenPipeError:
         # whoever read the output has seen enough; the files are written
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
@@ -90,7 +93,7 @@ _EXIT_CODES = """exit codes:
   0    all went well
   1    a simulation failed (what was computed is written), or the benchmark's events are not the exact ones
   2    bad input; the message says what to change
-  130  interrupted (what was computed is written)"""
+  130  interrupted (run and sweep write what was computed)"""
 
 
 _TOLERANCES = ("rtol", "atol")
@@ -309,6 +312,10 @@ def _tradeoff(chosen: argparse.Namespace) -> int:
     _check_folders({"plot": chosen.plot})
     scene, given = _scene_file(chosen)
     span = _options(chosen, given)["span"]
+    for name in ("error", "time"):
+        # refused before a minute of measurements
+        if (value := getattr(chosen, name)) is not None and not 0 < value < math.inf:
+            raise _BadInput(f"--{name} {value:g}: give a positive number")
     with _refusals():
         study = tradeoff(scene, span, budget=chosen.budget, progress=sys.stderr.isatty())
         print(study)
@@ -399,10 +406,10 @@ def _read(path: Path) -> dict[str, Any]:
     if reader is None:
         raise _BadInput(f"{path}: unknown kind of file {path.suffix!r}; give a .toml or .json scene file")
     try:
-        data = reader(path.read_text(encoding="utf-8"))
+        data = reader(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise _BadInput(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise _BadInput(f"{path}: not valid {path.suffix[1:].upper()}: {error}") from None
     if not isinstance(data, dict):
         raise _BadInput(f"{path}: expected a table with bodies, contacts, ...; got {type(data).__name__}")

@@ -18,6 +18,8 @@ from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters, with_values
 
+_MOST = 10**7  # values of one field
+
 
 @dataclass(frozen=True, eq=False)
 class SceneRuns:
@@ -58,13 +60,14 @@ def values_of(text: str) -> list[float]:
         if ":" not in text:
             return [float(part) for part in text.split(",")]
         start, stop, count, *rest = text.split(":")
-        if rest not in ([], ["log"]) or int(count) < 1:
+        if rest not in ([], ["log"]) or not 1 <= int(count) <= _MOST:
             raise ValueError
         ends = float(start), float(stop)
         spaced = np.geomspace(*ends, int(count)) if rest else np.linspace(*ends, int(count))
     except ValueError:
         raise ValueError(
-            f"{text!r} lists no values; write 0.1,0.2,0.5 or START:STOP:COUNT such as 0:1:11, or 0.01:1:9:log"
+            f"{text!r} lists no values, or more than {_MOST:g}; "
+            "write 0.1,0.2,0.5 or START:STOP:COUNT such as 0:1:11, or 0.01:1:9:log"
         ) from None
     if not all(map(math.isfinite, spaced)):
         raise ValueError(f"{text!r} lists values that are not finite; with :log both ends must be positive")

@@ -19,7 +19,7 @@ from stickslip.model.scene import Scene
 from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.arguments import span as checked_span
-from stickslip.simulation.result import Result, SimulationError
+from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.simulate import compiled
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -273,7 +273,11 @@ def _quietly(call: Call, scene: Scene, span: tuple[float, float]) -> Result:
     """Run a call on a scene without warnings: the measured error shows what they warn of."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return call.run(scene, span)
+        try:
+            return call.run(scene, span)
+        except SimulationInterrupted:
+            # the result of one call is not what the user wants to keep
+            raise KeyboardInterrupt("tradeoff interrupted: nothing is kept; give it a smaller budget") from None
 
 
 def reference_of(scene: Scene, span: tuple[float, float], measure: Error) -> tuple[Call, Call, Result, float, float]:

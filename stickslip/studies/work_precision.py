@@ -140,7 +140,8 @@ class WorkPrecision:
 def best_row(table: WorkPrecision, error: float | None, time: float | None, caller: str, kind: str) -> WorkRow:
     """Return the cheapest row within an error, or the most accurate row within a time.
 
-    Errors begin with the name of the `caller`, and call what a row measured by its `kind`.
+    Errors begin with the name of the `caller`, and call what a row measured by its `kind`: the user may add setups, but no
+    calls.
     """
     front = table.pareto()
     for name, value in (("error", error), ("time", time)):
@@ -149,21 +150,21 @@ def best_row(table: WorkPrecision, error: float | None, time: float | None, call
     if error is not None and time is None:
         found = next((row for row in front if row.error <= error), None)
         wanted, nearest = f"error <= {error:g}", front[-1:]
-        remedy = f"add {kind}s with tighter tolerances"
+        remedy = "tighter tolerances"
     elif time is not None and error is None:
         found = next((row for row in reversed(front) if row.median <= time), None)
         wanted, nearest = f"median time <= {time:g} s", front[:1]
-        remedy = f"add {kind}s with looser tolerances"
+        remedy = "looser tolerances"
     else:
         raise TypeError(f"{caller}: give either error= or time=, got error={error!r}, time={time!r}")
     if found is not None:
         return found
     if not nearest:
         raise ValueError(f"{caller}: no {kind} succeeded, so none has {wanted}; see the failures in .rows")
-    row = nearest[0]
+    row, more = nearest[0], f", or add setups with {remedy}" if kind == "setup" else ""
     raise ValueError(
         f"{caller}: no {kind} has {wanted}; the nearest is {row.name!r} "
-        f"(error {row.error:.3g}, {row.median:.3g} s). Allow as much, or {remedy}"
+        f"(error {row.error:.3g}, {row.median:.3g} s). Allow as much{more}"
     )
 
 

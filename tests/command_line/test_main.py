@@ -237,7 +237,8 @@ def test_a_sweep_with_points_that_fail_exits_with_1(here, capsys):
     ("arguments", "message"),
     [
         (["floor.normal"], "write FIELD=VALUES, such as floor.normal=1,5,10"),
-        (["floor.normal=a,b"], "'a,b' lists no values; write 0.1,0.2,0.5 or START:STOP:COUNT"),
+        (["floor.normal=a,b"], "'a,b' lists no values, or more than 1e+07; write 0.1,0.2,0.5 or START:STOP:COUNT"),
+        (["floor.normal=1:2:1000000000000"], "lists no values, or more than 1e+07"),
         (["floor.normal=1:2"], "lists no values"),
         (["floor.normal=0:1:3:log"], "lists"),
         (
@@ -388,3 +389,26 @@ def test_runs_as_a_module_into_a_closed_pipe(here):
     assert process.wait() == 0
     assert errors == b""
     assert (here / "o.csv").exists()
+
+
+def test_a_tradeoff_for_no_error_is_refused_before_it_is_measured(here, capsys):
+    for option in ("--error", "--time"):
+        assert main(["tradeoff", "scene.toml", option, "-1"]) == 2
+        assert f"{option} -1: give a positive number" in capsys.readouterr().err
+
+
+def test_an_interrupted_study_says_so(here, capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stickslip.__main__.tradeoff", interrupted)
+    assert main(["tradeoff", "scene.toml"]) == 130
+    assert capsys.readouterr().err == "stickslip: interrupted\n"
+
+
+def test_files_nested_without_end_are_refused_and_byte_order_marks_are_not(here, capsys):
+    (here / "deep.json").write_text("[" * 100_000)
+    assert main(["explain", "deep.json"]) == 2
+    assert "deep.json: not valid JSON" in capsys.readouterr().err
+    (here / "marked.toml").write_text(SCENE, encoding="utf-8-sig")
+    assert main(["explain", "marked.toml"]) == 0

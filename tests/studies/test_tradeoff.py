@@ -9,7 +9,20 @@ import numpy as np
 import pytest
 from clocks import count_work
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Karnopp, Scene, SimulationError, Spring, simulate, sine
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Karnopp,
+    Scene,
+    SimulationError,
+    SimulationInterrupted,
+    Spring,
+    simulate,
+    sine,
+)
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws import PreSlip
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
@@ -253,6 +266,16 @@ def test_the_first_call_is_measured_whatever_it_takes() -> None:
     found = tradeoff(sliding_block(), (0.0, 1.5), budget=1e-9)
     assert [row.name for row in found.work.rows] == ["simulate(scene, (0.0, 1.5))"]
     assert found.recommend(error=1e-6).call == "simulate(scene, (0.0, 1.5))"
+
+
+def test_an_interrupted_tradeoff_hands_over_no_result_of_a_single_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(call: Call, scene: Scene, span: tuple[float, float]) -> None:
+        raise SimulationInterrupted("interrupted at t = 1 s", simulate(scene, span))
+
+    monkeypatch.setattr(Call, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="tradeoff interrupted: nothing is kept") as caught:
+        tradeoff(flywheel_benchmark(), BENCHMARK_SPAN)
+    assert not isinstance(caught.value, SimulationInterrupted)
 
 
 def test_warnings_of_calls_are_not_passed_on(monkeypatch):
