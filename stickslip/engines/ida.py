@@ -150,7 +150,7 @@ class _Residual:
         motion, system = self._motion, self._system
         held, m = motion.equations.held, system.m
         # the summed sizes of their terms: as a row breaks away the forces on its bodies may cancel
-        _, sizes = motion.magnitudes(1)[0]
+        _, sizes = motion.majorants(1)[0]
         largest = sizes[m : m + held.size].max(initial=0.0)
         levels = system.largest_coefficient[held]
         for tau in (0.0, 0.5 * motion.horizon, motion.horizon):

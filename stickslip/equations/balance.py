@@ -204,7 +204,7 @@ class Balance:
             found = found + self.parting @ drives
         return found
 
-    def magnitudes(self, forces: Array, drives: Array) -> tuple[Array, Array]:
+    def majorants(self, forces: Array, drives: Array) -> tuple[Array, Array]:
         """Return majorants of the accelerations and of the held forces: sums of the absolute values of their terms.
 
         They follow from majorants of the forces on the bodies and of the accelerations of drives.
@@ -212,18 +212,18 @@ class Balance:
         inertia = like(self._inertia, forces)
         led = abs(self.U) @ drives if self.is_driven else None
         acceleration: Array = forces if led is None else forces + inertia * led
-        for factor in reversed(self._sizes[1:]):
+        for factor in reversed(self._abs_maps[1:]):
             acceleration = factor @ acceleration
         if led is not None:
             acceleration = acceleration + led
         rest = forces + inertia * acceleration
-        held: Array = self._sizes[0] @ rest[self.dependent]
+        held: Array = self._abs_maps[0] @ rest[self.dependent]
         for rows, tree in self._large:
-            held[rows] = tree.magnitude(rest)
+            held[rows] = tree.majorants(rest)
         return acceleration, held if self.parting is None else held + abs(self.parting) @ drives
 
     @cached_property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _abs_maps(self) -> tuple[Any, ...]:
         if not self._is_sparse:
             return abs(self._S), np.abs(self._mobility)
         return abs(self._S), abs(self.T), abs(self._reduced), abs(self._TT)
@@ -442,8 +442,8 @@ class _Tree:
         """Return the forces of the rows from the rests ``F - M v'`` of the forces on all bodies."""
         return np.asarray(self.solver.solve(rest[self.dependent])[self.order])
 
-    def magnitude(self, rest: Array) -> Array:
-        """Return bounds of the majorants of these forces, from those of the rests."""
+    def majorants(self, rest: Array) -> Array:
+        """Return bounds of majorants of these forces, from those of the rests."""
         total = self.gain * rest[self.dependent].sum(axis=0)
         return np.broadcast_to(total, (self.dependent.size, *rest.shape[1:]))
 

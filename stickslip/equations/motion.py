@@ -410,38 +410,38 @@ class Motion(Inputs):
             finite = linked is None and not following.any()
         return Expansion.of(whole, size, equations.watched_count, q)
 
-    def magnitudes(self, order: int, from_rates: bool = False, of_time: bool = False) -> list[tuple[Array, Array]]:
+    def majorants(self, order: int, from_rates: bool = False, no_new_dwells: bool = False) -> list[tuple[Array, Array]]:
         """Return majorants of the Taylor coefficients of inputs and watched quantities at the start, up to `order`.
 
         They are the series of the same equations with absolute values, so that nothing cancels. If `from_rates`, terms
-        may cancel in the first rates, but not later; if `of_time`, dwells that begin at the start are left out.
+        may cancel in the first rates, but not later; if `no_new_dwells`, dwells that begin at the start are left out.
         """
-        y, found = self.sizes, []
-        for k, q in enumerate(self._input_magnitudes(order, of_time)):
+        y, found = self.state_majorants, []
+        for k, q in enumerate(self._input_majorants(order, no_new_dwells)):
             if k == 1 and from_rates:
                 y = np.abs(self.first.y[1])
             if self.dependence is not None:
-                self._add_magnitudes(q, y, k == 0)
-            rate, z = self.equations.magnitudes(y, q)
+                self._add_majorants(q, y, k == 0)
+            rate, z = self.equations.majorants(y, q)
             found.append((q, z))
             y = rate / (k + 1)
         return found
 
-    def rate_magnitudes(self) -> Array:
+    def rate_majorants(self) -> Array:
         """Return majorants of the rates of the states at the start."""
-        return self.equations.magnitudes(self.sizes, np.abs(self.start_inputs))[0]
+        return self.equations.majorants(self.state_majorants, np.abs(self.start_inputs))[0]
 
-    def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
+    def guard_majorants(self, rows: GuardRows, order: int, no_new_dwells: bool = False) -> Array:
         """Return majorants of the Taylor coefficients of the guards at the start, an order per row.
 
-        If `of_time`, dwells that begin there are left out.
+        If `no_new_dwells`, dwells that begin there are left out.
         """
-        sizes = None
+        majorant_map = None
         if not (self.dependence is not None or self.segment.has_functions or self._rises_with_sines):
-            sizes = rows.sizes(order, self.segment.sine_turns)
-        if sizes is None:
-            return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order, of_time=of_time)])
-        found: Array = (sizes @ self.adding_up(of_time)).reshape(order + 1, -1)
+            majorant_map = rows.majorant_map(order, self.segment.sine_turns)
+        if majorant_map is None:
+            return np.array([rows.majorants(z, q) for q, z in self.majorants(order, no_new_dwells=no_new_dwells)])
+        found: Array = (majorant_map @ self.extended_majorants(no_new_dwells)).reshape(order + 1, -1)
         return found
 
     # -- starts ----------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 _TIE, _ALONE = 1e-13, 1e-6
 _NOTHING = 1e-200
 
-_AT_STOP = 1e-12  # part of what adds up in a stretch within which it is at a limit
+_AT_STOP = 1e-12  # part of the majorant of a stretch within which it is at a limit
 _IN_NO_TIME = 1e-13  # part of the time ahead below which a flight is too short to be resolved
 
 _TOLD = 10.0  # multiple of its roundoff from which on the sign of a stretch is certain

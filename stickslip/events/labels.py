@@ -80,7 +80,7 @@ def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array, stil
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
-    sizes = np.array([z[:m] for _, z in motion.magnitudes(order + 1)])
+    sizes = np.array([z[:m] for _, z in motion.majorants(order + 1)])
     magnitude, horizon = with_time(sizes, sizes, motion.t), max(motion.horizon, np.finfo(float).tiny)
     to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
     for k in range(1, order + 1):

@@ -34,13 +34,13 @@ class Borders:
         assert system.dependence is not None
         self._system, self._loads, self._dependence = system, loads, system.dependence
         # for each table the largest size so far of what it is looked up at: later values have its roundoff
-        self._sizes = system.dependence.sizes_looked_up(scale, loads.size)
+        self._sizes = system.dependence.argument_majorants_of_states(scale, loads.size)
 
     def place(self, now: Situation) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
         y, q = now.y, inputs_before(self._system, self._loads.after(now.t), now)
         regions = self._loads.table_regions
-        self._sizes = np.maximum(self._sizes, self._dependence.adds_up(q, y))
+        self._sizes = np.maximum(self._sizes, self._dependence.argument_majorants(q, y))
         found = []
         for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
             region = self._dependence.region(k, x) if regions is None else regions[k]

@@ -166,7 +166,7 @@ class Run:
             self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
         if self._wanted.may_hide:
             self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
-            self._pushed = np.maximum(self._pushed, now.motion.rate_magnitudes())
+            self._pushed = np.maximum(self._pushed, now.motion.rate_majorants())
         if self.stopped is not None:
             self.timeline.t = t
             return

@@ -76,7 +76,7 @@ class Watch:
         gained = np.zeros(self._system.size)
         if path.taus.size > 1:
             n = self._system.n
-            gained[:n] = motion.rate_magnitudes()[:n] * np.diff(path.taus).max()
+            gained[:n] = motion.rate_majorants()[:n] * np.diff(path.taus).max()
         return self._between(path.taus, lambda taus: self._values(motion, path, taus, gained))
 
     @property

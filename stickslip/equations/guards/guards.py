@@ -25,7 +25,7 @@ FULLY = 0.999
 # its level rises with the dwell.
 _IF_DWELLING = 1e-2
 
-_LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for what adds up in guards
+_LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for the majorants of guards
 
 _TINY = np.finfo(float).tiny
 
@@ -55,12 +55,12 @@ class Guards(GuardsAtStart):
         some = rows.without_size
         if some.size:
             # Stretches, and forces without a level, are compared with 0. At the start and at the end they may be 0
-            # themselves: what adds up in them along the path is their size.
+            # themselves: their majorant along the path is their size.
             size[self.is_border] = 0.0
-            size[some] = np.maximum(size[some], self._adds_up_along(path, q)[some])
+            size[some] = np.maximum(size[some], self._majorant_along(path, q)[some])
         if rows.has_normals and system.dependence is not None:
             # the states that a normal force depends on may be 0 at the start and at the end: their largest sizes count
-            pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
+            pressed = system.dependence.normal_majorants(np.abs(q), path.largest)
             size[self.is_normal] = pressed[self.row[self.is_normal]]
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         g = self._divided(g, tau)
@@ -82,8 +82,8 @@ class Guards(GuardsAtStart):
             found = int(np.where(self.order == NEVER, np.inf, np.abs(part) * passed**left).argmin())
         return np.asarray(np.arange(self.size) == found)
 
-    def _adds_up_along(self, path: Path, last: Array) -> Array:
-        """Return what adds up in the guards along a path that ends with the inputs `last`.
+    def _majorant_along(self, path: Path, last: Array) -> Array:
+        """Return majorants of the guards along a path that ends with the inputs `last`.
 
         Loads that are neither lines nor sines are sampled a few times on the way.
         """
@@ -95,7 +95,7 @@ class Guards(GuardsAtStart):
         if segment.has_sines:
             amplitudes = segment.amplitudes
             q[: amplitudes.size] += amplitudes
-        return self.rows.majorants(motion.equations.magnitudes(path.largest, q)[1], q)
+        return self.rows.majorants(motion.equations.majorants(path.largest, q)[1], q)
 
     def row_and_direction(self, i: int) -> tuple[int, int] | None:
         """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where no row does.

@@ -1,4 +1,4 @@
-"""The inputs that depend on the state, evaluated: values, slopes, Taylor coefficients and what adds up in them."""
+"""The inputs that depend on the state, evaluated: values, slopes, Taylor coefficients and majorants."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stickslip.equations.loads.loads import TableRegions
 from stickslip.equations.loads.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
-_CANCELLED = 1e-14  # part of what adds up in a sum below which it is roundoff
+_CANCELLED = 1e-14  # part of its majorant below which a sum is roundoff
 _KEPT = 16  # values of a function that are remembered: the solver and its guards ask for the same ones
 
 # The friction force of a row, 0 where it is held, from its number, its relative velocity and normal force, the local
@@ -50,8 +50,8 @@ class Forms:
         """Return the values of the forms, columns where `y` and `q` have columns."""
         return self.S @ y[self.columns] + self.P @ q[self.places]
 
-    def sizes(self, y: Array, q: Array) -> Array:
-        """Return what adds up in the forms."""
+    def majorants(self, y: Array, q: Array) -> Array:
+        """Return the majorants of the forms."""
         return np.asarray(np.abs(self.S) @ np.abs(y[self.columns]) + np.abs(self.P) @ np.abs(q[self.places]))
 
     def slopes(self, columns: Indices, q_by_y: Array) -> Array:
@@ -137,9 +137,9 @@ class Dependence:
         found = [self.arguments[k].at(y, q)[0] for k in self.tables]
         return np.array(found).reshape(len(found), *y.shape[1:])
 
-    def adds_up(self, q: Array, y: Array) -> Array:
-        """Return what adds up in the argument of each table, from inputs that have been filled."""
-        return np.array([self.arguments[k].sizes(np.abs(y), np.abs(q))[0] for k in self.tables])
+    def argument_majorants(self, q: Array, y: Array) -> Array:
+        """Return the majorant of the argument of each table, from inputs that have been filled."""
+        return np.array([self.arguments[k].majorants(np.abs(y), np.abs(q))[0] for k in self.tables])
 
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""
@@ -303,51 +303,51 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def sizes_of_tables(self, q: Array, y: Array) -> Array:
-        """Return what adds up in inputs `q`, in place: in a table no less than in its argument, by its slope."""
+    def enter_table_majorants(self, q: Array, y: Array) -> Array:
+        """Make the majorants `q` of inputs, in place, no less in a table than in its argument, by its slope."""
         for k in self.tables:
             steepest = np.abs(self._lines[k][:, 1]).max()
-            q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].sizes(y, q))
+            q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].majorants(y, q))
         return q
 
-    def add_sizes(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
-        """Add what adds up in the inputs, in place.
+    def add_majorants(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
+        """Add the majorants of the inputs, in place.
 
         `slopes` are the derivatives of functions with respect to their arguments, None where all are tables, and
         `values` the inputs themselves, None for their rates.
         """
         for k, (forms, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
-            sizes = forms.sizes(y, q)
+            sizes = forms.majorants(y, q)
             if slopes is not None:
-                # what adds up within a function is not known: no less than its value
+                # the majorant of a function is not known: no less than its value
                 q[own] += np.abs(slopes[k]) @ sizes + (0.0 if values is None else np.abs(values[own]))
                 continue
             offset, slope = np.abs(self._lines[k]).max(axis=0)
             q[own] += slope * sizes + (0.0 if values is None else offset)
         if self.rows.size:
-            q[self.rows] += self._normals.sizes(y, q)
+            q[self.rows] += self._normals.majorants(y, q)
 
     def cancelled(self, q: Array, y: Array) -> Indices:
         """Return the rows whose normal forces are sums that cancel, but for roundoff."""
         own = self._normals.at(y, q)
-        sizes = self.normal_sizes(np.abs(q), np.abs(y))[self.rows] + np.abs(q[self.rows] - own)
+        sizes = self.normal_majorants(np.abs(q), np.abs(y))[self.rows] + np.abs(q[self.rows] - own)
         return np.asarray(self.rows[np.abs(q[self.rows]) <= _CANCELLED * sizes])
 
-    def normal_sizes(self, q: Array, y: Array) -> Array:
-        """Return what sizes of inputs and states add up to in normal forces that depend on them; 0 for others."""
+    def normal_majorants(self, q: Array, y: Array) -> Array:
+        """Return majorants of normal forces that depend on the state, from those of inputs and states; 0 for others."""
         found = np.zeros(q.size)
         if self.rows.size:
-            found[self.rows] = self._normals.sizes(y, q)
+            found[self.rows] = self._normals.majorants(y, q)
         return found
 
-    def sizes_looked_up(self, y: Array, inputs: int) -> Array:
-        """Return what states of some sizes add up to in the arguments of tables, functions left out."""
+    def argument_majorants_of_states(self, y: Array, inputs: int) -> Array:
+        """Return majorants of the arguments of tables, from those of the states; functions are left out."""
         q, slopes = np.zeros(inputs), []
         for k, node in enumerate(self.nodes):
             steepest = np.abs(self._lines[k][:, 1]).max() if k in self._lines else 0.0
             slopes.append(np.full((node.width, len(node.arguments)), steepest))
-        self.add_sizes(q, y, slopes, None)
-        return self.adds_up(q, y)
+        self.add_majorants(q, y, slopes, None)
+        return self.argument_majorants(q, y)
 
     def slopes(
         self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
