@@ -96,7 +96,7 @@ class GuardRows:
             (pressed, lambda j: (j, 0, 0, np.where(np.isin(j, equations.open), -1, 1), 0, 0, 0, 3)),
             (loose, lambda j: (j, j, signs, 0, 0, 0, 0, 0)),
         ]
-        parts = [told(rows) for rows, told in kinds if rows.size]
+        parts = [columns_of(rows) for rows, columns_of in kinds if rows.size]
         ends = list(accumulate((rows.size for rows, _ in kinds if rows.size), initial=0))
 
         def column(k: int, dtype: type = float) -> Array:

@@ -23,7 +23,7 @@ _NOTHING = 1e-200
 _AT_STOP = 1e-12  # part of the majorant of a stretch within which it is at a limit
 _IN_NO_TIME = 1e-13  # part of the time ahead below which a flight is too short to be resolved
 
-_TOLD = 10.0  # multiple of its roundoff from which on the sign of a stretch is certain
+_CERTAIN = 10.0  # multiple of its roundoff from which on the sign of a stretch is certain
 
 # A velocity that arrives at 0, and does not die away, has come from more than this multiple of its roughness.
 _AT_A_RATE = 1e3
@@ -115,7 +115,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         if (part.min() if path.guard is None else part[path.guard]) > _ALONE:
             # The guard that came to 0 is not small: it left 0 so short a time before that it is still roundoff, or its
             # value is the roundoff of what it compares.
-            back = guards.not_told(float(path.taus[-1]))
+            back = guards.is_roundoff_at(float(path.taus[-1]))
             at = back if back.any() else guards.nearest(part, path)
         if guards.velocity_uncertainty is not None:
             at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
@@ -244,7 +244,7 @@ def _slowest_flight(
         slowest = np.sqrt(rough * pace[functions.row[some]])
     else:
         rough, brakes = 2.0 * STRETCH_ROUNDOFF * size[some], pace[functions.row[some]]
-        slowest = np.minimum(np.sqrt(rough * brakes), _TOLD * rough / ahead)
+        slowest = np.minimum(np.sqrt(rough * brakes), _CERTAIN * rough / ahead)
         # nor must the flight be too short to be resolved in time
         slowest = np.maximum(slowest, _IN_NO_TIME * ahead * brakes)
     part = system.part_of_row

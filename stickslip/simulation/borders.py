@@ -133,12 +133,12 @@ class Borders:
         def depth(tau: float) -> float:
             return side * (border - float(self._values(motion, path, np.array([tau]))[k, 0]))
 
-        told = False
+        sign_known = False
         for row, (start, stop) in zip(depths, pairwise(path.taus.tolist()), strict=True):
-            for tau, sign in signs_along(start, stop, row, depth, noise if told else rough, noise):
+            for tau, sign in signs_along(start, stop, row, depth, noise if sign_known else rough, noise):
                 if sign < 0:
                     return tau
-                told = True
+                sign_known = True
         return math.inf
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> Array:

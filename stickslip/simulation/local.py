@@ -402,7 +402,9 @@ class Local:
         self._last = t
         self._patches.tick(t, False)
         rows = np.arange(self._forest.m)
-        self._patches.rows(rows, parts.row_origin.copy(), self._inner(rows), self._told(rows), np.zeros((rows.size, 0)))
+        self._patches.rows(
+            rows, parts.row_origin.copy(), self._inner(rows), self._since(rows), np.zeros((rows.size, 0))
+        )
 
     def _tick(self, t: float, is_event: bool) -> None:
         parts = self._parts
@@ -425,7 +427,7 @@ class Local:
 
     def _enter_rows(self, rows: NDArray[Any]) -> None:
         parts = self._parts
-        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._told(rows), parts.watched[rows])
+        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._since(rows), parts.watched[rows])
 
     def _inner(self, rows: NDArray[Any]) -> Modes:
         """Return the modes of rows as results have them: open ones with what they show."""
@@ -435,7 +437,7 @@ class Local:
             mode = np.where(parts.at_level[rows] != 0, parts.at_level[rows], mode)
         return packed(mode, parts.label[rows]) if parts.opens else mode
 
-    def _told(self, rows: Indices) -> Array:
+    def _since(self, rows: Indices) -> Array:
         """Return since when contacts rest, and in which regions gaps are."""
         parts, elastic = self._parts, self._parts.elastic
         found = parts.since[rows]

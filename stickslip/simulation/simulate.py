@@ -280,8 +280,8 @@ class _Simulation:
             labels = run.now.labels.tolist()
             modes = {row.name: Mode(k) for row, k in zip(run.system.rows, labels, strict=True)}
         listed = ", ".join(f"{name} {mode.name}" for name, mode in list(modes.items())[:10])
-        told = f"; modes: {listed or 'not settled yet'}" if run.system.rows else ""
-        text = f"at t = {t:.9g} s: {message}{told}; {remedy}"
+        shown = f"; modes: {listed or 'not settled yet'}" if run.system.rows else ""
+        text = f"at t = {t:.9g} s: {message}{shown}; {remedy}"
         return SimulationError(text, t, modes, self._result(text, -1))
 
     def _result(self, message: str, status: int) -> Result:

@@ -204,7 +204,7 @@ class Dependence:
         try:
             found = node.values(t, arguments)
         except ValueError as error:
-            raise ValueError(_told(node, error, t, arguments)) from error
+            raise ValueError(_error_message(node, error, t, arguments)) from error
         if len(known) >= _KEPT:
             known.pop(next(iter(known)), None)
         known[key] = found
@@ -376,7 +376,7 @@ class Dependence:
                 try:
                     found.append(node.given(t, arguments))
                 except ValueError as error:
-                    raise ValueError(_told(node, error, t, arguments.tolist())) from error
+                    raise ValueError(_error_message(node, error, t, arguments.tolist())) from error
             elif node.row < 0:
 
                 def function(x: Array, number: int = number) -> Array:
@@ -392,7 +392,7 @@ class Dependence:
         return found
 
 
-def _told(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -> str:
+def _error_message(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -> str:
     """Return the message about an error of a function, with its element, time and arguments."""
     given = ", ".join(f"{x:.9g}" for x in arguments)
     return f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})"
