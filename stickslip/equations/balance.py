@@ -141,7 +141,7 @@ class Balance:
         dependent.append(bodies)
         first = single.size
         others = np.setdiff1d(np.arange(h), single)
-        for rows in split_by(joined(G[others]), others) if others.size else []:
+        for rows in split_by(component_numbers(G[others]), others) if others.size else []:
             tree = _Tree.of(self._inertia, G[rows], D[rows]) if rows.size > _SMALL else None
             if tree is not None:
                 T.add(tree.T)
@@ -280,7 +280,7 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
     return rows, G.indices[places].astype(np.intp), G.data[places]
 
 
-def joined(G: Any) -> Indices:
+def component_numbers(G: Any) -> Indices:
     """Return a number for each row: rows that share a body, directly or by way of other rows, have the same number."""
     if isinstance(G, np.ndarray):
         number = np.arange(G.shape[0])
@@ -341,7 +341,7 @@ class _Component:
     ) -> None:
         """Subtract from the forces the part that no body feels; rows are scaled to their largest coefficient."""
         links = np.abs(null) > _ZERO
-        number = np.unique(joined(links), return_inverse=True)[1]
+        number = np.unique(component_numbers(links), return_inverse=True)[1]
         self.loop = np.where(links.any(axis=0), number[links.argmax(axis=0)], -1)
         null = np.where(links, null, 0.0)
         # for the forces of scaled rows: lambda * scale

@@ -19,7 +19,7 @@ from stickslip.equations.algebra.matrices import (
     scaled,
     stacked,
 )
-from stickslip.equations.balance import Balance, joined
+from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads.loads import SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
@@ -233,7 +233,7 @@ class ModeEquations:
         """
         system, scale, found = self.system, self.system.largest_lever, Triplets()
         rows = np.concatenate([self.held, self.at_level])
-        number = joined(system.G[rows])
+        number = component_numbers(system.G[rows])
         held_number, own_number = number[: self.held.size], number[self.held.size :]
         for one in np.unique(own_number).tolist():
             # only the held rows of the same component matter

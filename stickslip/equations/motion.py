@@ -260,8 +260,8 @@ class Motion(Inputs):
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``z = E y + H q + L e``; the inputs `q` need not be given."""
         equations = self.equations
-        reached = self.has_law and equations.is_watched_by_laws
-        found = self.both(tau, y, q) if reached else self._linear(tau, y, q)
+        shows_laws = self.has_law and equations.is_watched_by_laws
+        found = self.both(tau, y, q) if shows_laws else self._linear(tau, y, q)
         return found[self.system.size :]
 
     def until(self, path: Path, tau: float, hit: bool = False, touched: int | None = None) -> Path:
@@ -321,7 +321,7 @@ class Motion(Inputs):
         size, n = system.size, system.n
         if not system.sparse:
             full = np.zeros((size, size))
-            full[:, dependence.columns] = found[:size]
+            full[:, dependence.states] = found[:size]
             if equations.dependent.size:
                 full[:, :n] = full[:, :n] @ equations.balance.T
             return full
@@ -330,7 +330,7 @@ class Motion(Inputs):
         some = (equations.respond(pattern) + equations.push(pattern[rows]) != 0)[:size] | (found[:size] != 0)
         some[equations.bristle_places] |= pattern[rows[equations.law.bristles]] != 0
         places = some.nonzero()
-        entries = (found[places], (places[0], dependence.columns[places[1]]))
+        entries = (found[places], (places[0], dependence.states[places[1]]))
         matrix = scipy.sparse.csr_array(entries, shape=(size, size))
         if equations.dependent.size:
             fold = scipy.sparse.block_diag([equations.balance.T, scipy.sparse.eye_array(size - n)], format="csr")

@@ -178,7 +178,7 @@ class System:
         places = [at for forms in read for at in forms.places.tolist()]
         # the nodes of the motion itself on which observed quantities depend
         self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
-        self.observed_states = np.unique(np.concatenate([forms.columns for forms in read]))
+        self.observed_states = np.unique(np.concatenate([forms.states for forms in read]))
         beside = {*range(first, self.first_drive), self.inputs - 1}
         # whether an observed quantity reads loads or drives; functions that only they read do not count
         self.observes_inputs = not beside.issuperset(places)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from stickslip.equations.algebra.matrices import split_by
-from stickslip.equations.balance import Balance, joined
+from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.loads.loads import Segment
@@ -78,7 +78,7 @@ class Search:
         system = self._system
         rows = (self._candidates | system.is_stop).nonzero()[0]
         self._part = np.full(system.m, -1)
-        self._part[rows] = number = np.unique(joined(system.G[rows]), return_inverse=True)[1]
+        self._part[rows] = number = np.unique(component_numbers(system.G[rows]), return_inverse=True)[1]
         row, body = system.G[rows].nonzero()
         self._part_of[body] = number[row]
         others = (self._part < 0).nonzero()[0]
@@ -240,7 +240,7 @@ class Search:
             return np.ones(1, dtype=bool)
         equations, number = motion.equations, self._part[rows]
         if not (equations.at_level.size or equations.balance.has_loops):
-            number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
+            number = component_numbers(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
         each = np.zeros(number.max() + 1)
         np.maximum.at(each, number, ratio)
         return np.asarray(ratio >= each[number] * (1 - AT_LIMIT))

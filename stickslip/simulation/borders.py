@@ -113,7 +113,7 @@ class Borders:
         steps = np.diff(path.taus)
         for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
             part = dependence.arguments[number]
-            value = path.coefficients[:, :, part.columns] @ part.S[0]
+            value = path.coefficients[:, :, part.states] @ part.S[0]
             drift = float(part.P[0] @ segment.slope[part.places])
             since = motion.t - segment.start + path.taus[:-1]
             first = value[:, 0] + part.P[0] @ segment.value[part.places] + drift * since

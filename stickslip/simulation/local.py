@@ -402,9 +402,7 @@ class Local:
         self._last = t
         self._patches.tick(t, False)
         rows = np.arange(self._forest.m)
-        self._patches.rows(
-            rows, parts.row_origin.copy(), self._inner(rows), self._since(rows), np.zeros((rows.size, 0))
-        )
+        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._since(rows), np.zeros((rows.size, 0)))
 
     def _tick(self, t: float, is_event: bool) -> None:
         parts = self._parts

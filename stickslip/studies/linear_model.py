@@ -302,7 +302,7 @@ def _inputs_of_states(motion: Motion, dy: Array) -> Array:
     """Return the changes of the inputs that depend on the state, for changes `dy` of the state."""
     if motion.dependence is None:
         return np.zeros((motion.system.inputs_and_dwells, dy.shape[1]))
-    return np.asarray(motion.input_slopes(0.0, motion.y) @ dy[motion.dependence.columns])
+    return np.asarray(motion.input_slopes(0.0, motion.y) @ dy[motion.dependence.states])
 
 
 def _response(motion: Motion, dy: Array, dq: Array) -> _Response:

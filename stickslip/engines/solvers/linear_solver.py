@@ -27,14 +27,14 @@ def band_order(system: System) -> Indices | None:
     if system.size <= _DENSE_LIMIT:
         return None
     size, places = system.size, (system.moved_state, system.moved)
-    joined = scipy.sparse.csr_array(system.abs_GT) @ scipy.sparse.csr_array(system.abs_G)
-    joined.resize((size, size))
+    by_rows = scipy.sparse.csr_array(system.abs_GT) @ scipy.sparse.csr_array(system.abs_G)
+    by_rows.resize((size, size))
     # of equal degrees the first entry decides: sort the entries, so that the order is always the same
-    joined.sort_indices()
+    by_rows.sort_indices()
     springs = scipy.sparse.csr_array(system.piecewise.widest(system.C))
     springs.resize((size, size))
     moves = scipy.sparse.csr_array((np.ones(system.moved.size), places), shape=(size, size))
-    total = joined + springs + moves
+    total = by_rows + springs + moves
     order = scipy.sparse.csgraph.reverse_cuthill_mckee(scipy.sparse.csr_matrix(total + total.T), symmetric_mode=True)
     return np.asarray(order, dtype=np.intp)
 

@@ -26,9 +26,9 @@ Friction = Callable[[int, float, float, float, Array], float]
 
 @dataclass(frozen=True)
 class Forms:
-    """Linear forms as small arrays: ``S y[columns] + P q[places]``."""
+    """Linear forms as small arrays: ``S y[states] + P q[places]``."""
 
-    columns: Indices
+    states: Indices
     S: Array
     places: Indices
     P: Array
@@ -36,28 +36,28 @@ class Forms:
     @classmethod
     def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> Forms:
         """Return forms as arrays; `place` tells where an input stands."""
-        columns = sorted({i for form in forms for i in form.states})
+        states = sorted({i for form in forms for i in form.states})
         places = sorted({place(key) for form in forms for key in form.inputs})
-        S, P = np.zeros((len(forms), len(columns))), np.zeros((len(forms), len(places)))
+        S, P = np.zeros((len(forms), len(states))), np.zeros((len(forms), len(places)))
         for k, form in enumerate(forms):
             for i, c in form.states.items():
-                S[k, columns.index(i)] += c
+                S[k, states.index(i)] += c
             for key, c in form.inputs.items():
                 P[k, places.index(place(key))] += c
-        return cls(np.array(columns, dtype=np.intp), S, np.array(places, dtype=np.intp), P)
+        return cls(np.array(states, dtype=np.intp), S, np.array(places, dtype=np.intp), P)
 
     def at(self, y: Array, q: Array) -> Array:
         """Return the values of the forms, columns where `y` and `q` have columns."""
-        return self.S @ y[self.columns] + self.P @ q[self.places]
+        return self.S @ y[self.states] + self.P @ q[self.places]
 
     def majorants(self, y: Array, q: Array) -> Array:
         """Return the majorants of the forms."""
-        return np.asarray(np.abs(self.S) @ np.abs(y[self.columns]) + np.abs(self.P) @ np.abs(q[self.places]))
+        return np.asarray(np.abs(self.S) @ np.abs(y[self.states]) + np.abs(self.P) @ np.abs(q[self.places]))
 
-    def slopes(self, columns: Indices, q_by_y: Array) -> Array:
+    def slopes(self, states: Indices, q_by_y: Array) -> Array:
         """Return the derivatives with respect to some states, from those of the inputs."""
         found = self.P @ q_by_y[self.places]
-        found[:, np.searchsorted(columns, self.columns)] += self.S
+        found[:, np.searchsorted(states, self.states)] += self.S
         return found
 
 
@@ -74,7 +74,7 @@ class Dependence:
         The nodes that are tables.
     places, rows : array of int
         The inputs that depend on the state, and the rows among them: those whose normal forces do.
-    columns : array of int
+    states : array of int
         The states on which these inputs depend.
     width : int
         How many inputs are values of functions.
@@ -99,7 +99,7 @@ class Dependence:
         self.rows = np.array(sorted(normals), dtype=np.intp)
         self._normals = Forms.of([normals[j] for j in sorted(normals)], place)
         parts = [*self.arguments, self._normals]
-        self.columns = np.unique(np.concatenate([forms.columns for forms in parts]))
+        self.states = np.unique(np.concatenate([forms.states for forms in parts]))
         tables = {k: node.table for k, node in enumerate(nodes) if node.table is not None}
         self.tables = list(tables)
         self._lines = {k: np.array(table.lines) for k, table in tables.items()}
@@ -163,7 +163,7 @@ class Dependence:
 
         def enter(place: int, forms: Forms, line: int, slope: float) -> None:
             found = rows.setdefault(place, {})
-            for column, c in zip(forms.columns.tolist(), np.abs(forms.S[line]).tolist(), strict=True):
+            for column, c in zip(forms.states.tolist(), np.abs(forms.S[line]).tolist(), strict=True):
                 found[column] = found.get(column, 0.0) + slope * c
             for other, c in zip(forms.places.tolist(), np.abs(forms.P[line]).tolist(), strict=True):
                 for column, of_other in rows.get(other, {}).items():
@@ -179,8 +179,8 @@ class Dependence:
 
     def pattern(self, inputs: int) -> Array:
         """Return numbers where derivatives may differ from 0: random ones, so that none cancel."""
-        found = np.zeros((inputs, self.columns.size))
-        found[self.places] = np.random.default_rng(0).uniform(1.0, 2.0, (self.places.size, self.columns.size))
+        found = np.zeros((inputs, self.states.size))
+        found[self.places] = np.random.default_rng(0).uniform(1.0, 2.0, (self.places.size, self.states.size))
         return found
 
     def forget(self) -> None:
@@ -352,15 +352,15 @@ class Dependence:
     def slopes(
         self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> Array:
-        """Return the derivatives of the inputs with respect to the states `columns`."""
-        found = np.zeros((q.size, self.columns.size))
+        """Return the derivatives of the inputs with respect to `states`."""
+        found = np.zeros((q.size, self.states.size))
         # derivatives that overflow are noticed where rates are computed
         with np.errstate(over="ignore", invalid="ignore"):
             by_arguments = self.slopes_by_arguments(q, y, t, tau, friction, regions)
             for slopes, forms, own in zip(by_arguments, self.arguments, self._ranges, strict=True):
-                found[own] = slopes @ forms.slopes(self.columns, found)
+                found[own] = slopes @ forms.slopes(self.states, found)
             if self.rows.size:
-                found[self.rows] += self._normals.slopes(self.columns, found)
+                found[self.rows] += self._normals.slopes(self.states, found)
         return found
 
     def slopes_by_arguments(
