@@ -30,7 +30,7 @@ _CAREFUL, _SHORTEST = 1e-4, 1e-8
 _Steps = tuple[float, float]  # longest and first step in s
 
 
-class _Followed:
+class _CurrentMotion:
     """The motion that is followed now, for the callbacks of solvers.
 
     Solvers do not refer to the engine: such a cycle of references could only be freed by the garbage collector.
@@ -72,7 +72,7 @@ class Cvode:
         if task.exact_at_rest:
             self._series = Series(task)
             self._series.work = self.work
-        self._now = _Followed()
+        self._now = _CurrentMotion()
         self._solvers: dict[_Steps, Any] = {}
         self._events: dict[_Steps, int] = {}
 

@@ -118,7 +118,7 @@ class Local:
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size
         moving, held = np.abs(parts.mode) == 1, parts.mode == 0
-        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(roots.bounds[:, held]))
+        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(roots.level_signs[:, held]))
         self._seen = motion.t
         self._begin(motion.t)
         started = guards.row[(guards.order == 1) & guards.is_velocity]
@@ -139,14 +139,14 @@ class Local:
         while not self._interruption.pressed:
             j = int(due.argmin()) if due.size else 0
             t = float(due[j]) if due.size else parts.stop
-            if t >= parts.end:
-                if self._stops_until(parts.end):
+            if t >= parts.series_end:
+                if self._stops_until(parts.series_end):
                     return self._ending(self._seen, _NONE, False)
-                if parts.end >= parts.stop:
+                if parts.series_end >= parts.stop:
                     return self._ending(parts.stop, _NONE, False)
-                self._renew(parts.end)
+                self._renew(parts.series_end)
                 if self._bad.size or self._opened.size:
-                    return self._ending(parts.ended, self._bad, self._any_gap(self._bad))
+                    return self._ending(parts.renewed_at, self._bad, self._any_gap(self._bad))
                 continue
             if not is_root[j]:
                 self._next_roots.refine(j)
@@ -196,12 +196,12 @@ class Local:
     def _renew(self, t: float) -> None:
         """Expand all bodies anew whose series end at `t`."""
         parts, forest = self._parts, self._forest
-        parts.ended = t
+        parts.renewed_at = t
         live = parts.is_bent
         live[forest.near_row[live[forest.near]]] = True
-        live[forest.child[self._next_roots.is_bounded]] = True
+        live[forest.child[self._next_roots.is_live]] = True
         bodies = parts.groups.sharing(live)
-        parts.end = parts.stop
+        parts.series_end = parts.stop
         self._bad = _NONE
         if bodies.size:
             patch = parts.patch(bodies, t)
@@ -223,8 +223,8 @@ class Local:
             self._opened, unclear = self._next_roots.opens_up(rows, t)
             self._enter_rows(self._opened)
         live = parts.live_rows(patch, rows)
-        if parts.end >= parts.stop and parts.bends(patch.bodies):
-            parts.end = min(parts.stop, t + parts.unit)
+        if parts.series_end >= parts.stop and parts.bends(patch.bodies):
+            parts.series_end = min(parts.stop, t + parts.unit)
         self._bad = self._next_roots.look(rows, t, live)
         if unclear.size:
             self._bad = np.concatenate([self._bad, unclear])

@@ -600,7 +600,7 @@ LARGE: dict[str, tuple[bool, dict[str, Any], dict[str, float]]] = {
     "series": (True, {"method": "series"}, {}),
     "straight lines": (False, {}, {}),
     "band": (True, {"method": "BDF"}, {"_NARROW": 2.0}),
-    "sparse": (True, {"method": "BDF"}, {"_NARROW": 0.0, "_DENSE_AT_MOST": 0}),
+    "sparse": (True, {"method": "BDF"}, {"_NARROW": 0.0, "_DENSE_UNLESS_BANDED": 0}),
     "multiplier": (True, {"formulation": "multiplier"}, {}),
 }
 

@@ -18,7 +18,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 
 _DENSE_LIMIT = 60
-_DENSE_AT_MOST = 400
+_DENSE_UNLESS_BANDED = 400
 _NARROW = 0.25
 
 
@@ -64,7 +64,7 @@ class LinearSolver:
                 self._below, self._above = max(below, self._below), max(above, self._above)
                 self._places = _band(size, self._below, self._above)
             return grown
-        if size <= _DENSE_AT_MOST:
+        if size <= _DENSE_UNLESS_BANDED:
             return self._become("dense", size)
         return self._hold_sparse(scipy.sparse.coo_array(matrix), size)
 
