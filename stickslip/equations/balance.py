@@ -290,8 +290,8 @@ def component_numbers(G: Any) -> Indices:
         return number
     held = scipy.sparse.csr_array((np.ones(G.nnz), G.indices, G.indptr), shape=G.shape)
     graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    return np.asarray(label[: G.shape[0]], dtype=np.intp)
+    component = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return np.asarray(component[: G.shape[0]], dtype=np.intp)
 
 
 class _Component:
@@ -478,9 +478,9 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         safe = some[diagonal[some] > 0]
         values[safe] = 1.0 / diagonal[safe]
         return scipy.sparse.diags_array(values, format="csr")
-    _, label = scipy.sparse.csgraph.connected_components(matrix, directed=False)
+    _, component = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     entries = _Entries()
-    for own in split_by(label[some], some):
+    for own in split_by(component[some], some):
         block = matrix[own][:, own].toarray()
         entries.block(own, own, np.linalg.inv(block) if block.any() else np.zeros_like(block))
     return entries.matrix((size, size))

@@ -280,17 +280,17 @@ def _knots(system: System) -> tuple[Mask, Indices, Indices]:
     # a row joins all of its bodies
     ends = np.repeat(first, bodies)
     graph = scipy.sparse.coo_array((np.ones(ends.size), (ends, G.indices)), shape=(n, n))
-    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    own = label[first]
+    count, component = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    own = component[first]
     plain = np.array([_compares_velocities(row.coefficients) for row in system.rows], dtype=bool)
     plain &= system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) > 0)
     inner, led = np.bincount(own[bodies > 1], minlength=count), np.bincount(own[bodies == 1], minlength=count)
-    knotted = (inner >= np.bincount(label, minlength=count)) | (led > 1)
+    knotted = (inner >= np.bincount(component, minlength=count)) | (led > 1)
     knotted[own[~plain[joins]]] = True
     number = np.where(knotted, np.cumsum(knotted) - 1, -1)
     of_row = np.full(system.m, -1)
     of_row[joins] = number[own]
-    return joins & (of_row < 0), number[label], of_row
+    return joins & (of_row < 0), number[component], of_row
 
 
 def _compares_velocities(coefficients: Mapping[int, float]) -> bool:

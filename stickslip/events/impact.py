@@ -128,10 +128,10 @@ def _nearest(
     gram = push.T @ answer
     # Joined rows are solved together if one of them is too slow. Other groups are solved by themselves: their speeds
     # may be far smaller.
-    label = component_numbers(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
+    number = component_numbers(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
     impulse = np.zeros(rows.size)
-    for one in np.unique(label[short > least[rows]]).tolist():
-        some = (label == one).nonzero()[0]
+    for one in np.unique(number[short > least[rows]]).tolist():
+        some = (number == one).nonzero()[0]
         impulse[some] = _complementary(gram[np.ix_(some, some)], short[some], rows[some])
     impulses[rows] = turn[rows] * impulse
     v = v + answer @ impulse

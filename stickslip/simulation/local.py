@@ -378,7 +378,7 @@ class Local:
     def _regroup(self, tree: Tree, outcome: TreeModes, groups: list[int]) -> None:
         """Form the groups that go on together."""
         parts, forest = self._parts, self._forest
-        rows, mode, label = tree.rows, outcome.mode, outcome.label
+        rows, mode, group = tree.rows, outcome.mode, outcome.group
         for g in groups:
             parts.groups.part(g)
         if tree.bodies.size == 1:
@@ -386,9 +386,9 @@ class Local:
             parts.groups.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED)
             return
         place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
-        for one in np.unique(label).tolist():
-            bodies = tree.bodies[label == one]
-            own = rows[(mode == 0) & (label[place] == one)]
+        for one in np.unique(group).tolist():
+            bodies = tree.bodies[group == one]
+            own = rows[(mode == 0) & (group[place] == one)]
             led = own[forest.parent[own] < 0]
             lead = int(forest.drive[led[0]]) if led.size else UNLED
             parts.groups.join(bodies, own, lead)

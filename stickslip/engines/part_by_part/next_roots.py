@@ -10,7 +10,7 @@ from stickslip.engines.part_by_part.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.algebra.polynomials import powers, shifted
-from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
 from stickslip.equations.inputs import DWELL_OVER
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.model.arrays import Array, Indices, Mask
@@ -139,7 +139,7 @@ class NextRoots:
         for k in (np.abs(g[:, 0]) <= ROUNDOFF * size).nonzero()[0].tolist():
             j = int(rows[own[k]])
             is_stop = bool(self._system.is_stop[j])
-            if np.abs(g[k, 1:]).sum() <= STRETCH_ROUNDOFF * size[k] and not is_stop:
+            if np.abs(g[k, 1:]).sum() <= FINEST_ROUNDOFF * size[k] and not is_stop:
                 order = _STAYS
             elif (order := self._way_out(j, g[k], int(borders[k]), t)) < 0 and not is_stop:
                 now.append(j)

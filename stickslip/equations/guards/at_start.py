@@ -20,7 +20,7 @@ _BY_DIFFERENCES = 1e-9
 
 AT_LIMIT = 1e-10  # part of its level within which a force is at its level
 _AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
-STRETCH_ROUNDOFF = 1e-15  # part of the majorant of a stretch within which a stop is at its limit
+FINEST_ROUNDOFF = 1e-15  # part of its majorant within which a stop is at its limit, and a slope may be 0
 _NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looked at more closely
 _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time
 _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
@@ -178,7 +178,7 @@ class GuardsAtStart(GuardValues):
             tolerance = np.inf
         elif of_stop and not has_fired:
             # a stop in flight counts as open down to roundoff: at its limit it rebounds
-            tolerance = STRETCH_ROUNDOFF * majorant[0, i]
+            tolerance = FINEST_ROUNDOFF * majorant[0, i]
         if not abs(coefficients[0, i]) <= tolerance:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]

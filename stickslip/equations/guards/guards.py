@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.floats import smallest_of
-from stickslip.equations.guards.at_start import AT_LIMIT, NEVER, ROUNDOFF, STRETCH_ROUNDOFF, GuardsAtStart
+from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
@@ -139,7 +139,7 @@ class Guards(GuardsAtStart):
                 settled[rows] += (rough[rows] / leads) ** (1.0 / k)
                 if k > 1:
                     # a slope that is roundoff may bring the guard below 0 again
-                    slope = STRETCH_ROUNDOFF * self.majorant[1, rows]
+                    slope = FINEST_ROUNDOFF * self.majorant[1, rows]
                     settled[rows] += (slope / leads) ** (1.0 / (k - 1))
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
