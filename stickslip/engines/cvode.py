@@ -109,7 +109,7 @@ class Cvode:
     def _solver(self, selected: Selected) -> tuple[_Steps, Any]:
         motion = selected.motion
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
-        if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
+        if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.jacobian_pattern)):
             self._solvers.clear()
         first = first_step(motion, *self._tolerance)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions

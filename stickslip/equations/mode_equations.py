@@ -246,17 +246,17 @@ class ModeEquations:
             found.extend(np.repeat(top, bodies.size), np.tile(bodies, top.size), shares.ravel())
         return system.matrix(found, (self.at_level.size, system.n))
 
-    def locked(self, rows: Any, but_by_drives: bool = False) -> Mask:
+    def locked(self, rows: Any, ignore_drives: bool = False) -> Mask:
         """Tell which of some rows cannot move because held rows lock the same motion.
 
-        With `but_by_drives`, rows that only drives can move are among them.
+        With `ignore_drives`, rows that only drives can move are among them.
         """
         system, balance = self.system, self.balance
         G, D, levers = system.G[rows], system.D[rows], system.largest_lever[rows]
         if not self.held.size:
             return np.zeros(G.shape[0], dtype=bool)
         found = no_body_moves(G, balance, levers)
-        if not but_by_drives:
+        if not ignore_drives:
             found &= row_maxima(system.independent(G @ balance.U + D)) <= _LOCKED * levers
         return found
 
@@ -483,7 +483,7 @@ class ModeEquations:
         return assembled(system.size, [(slice(n), slice(n), self.balance.accelerations(forces))])
 
     @cached_property
-    def structure(self) -> Any:
+    def jacobian_pattern(self) -> Any:
         """A matrix whose entries are those of ``d y' / d y`` that may differ from 0, but for bristles."""
         if not self.velocity_dependent.size:
             return self.jacobian()

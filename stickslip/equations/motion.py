@@ -295,17 +295,17 @@ class Motion(Inputs):
         terms = self.law_arguments(tau, y)
         slopes = equations.law.slopes(*terms)
         if true_slopes:
-            slopes += equations.law.left_out(*terms[:2])
+            slopes += equations.law.slope_cut(*terms[:2])
         matrix = matrix + equations.law_jacobian(slopes)
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
 
     @property
-    def structure(self) -> Any:
+    def jacobian_pattern(self) -> Any:
         """A matrix whose entries are those of the Jacobian that may differ from 0."""
         equations = self.equations
         if self.dependence is not None or equations.bristle_places.size:
             return self.jacobian(0.0, self.y)
-        return equations.structure
+        return equations.jacobian_pattern
 
     def _of_dependence(self, tau: float, y: Array) -> Any:
         """Return what inputs that depend on the state add to the Jacobian."""

@@ -69,7 +69,7 @@ def _to_come(
         to_come, calm = _first_terms(motion, HIGHEST, slow, uncertain, still)
     calm &= ~crossed
     # a velocity that has died away keeps its sign, unless held rows lock the row or let it move only as drives do
-    free = ~motion.equations.locked(slice(None), but_by_drives=True)
+    free = ~motion.equations.locked(slice(None), ignore_drives=True)
     died = ((to_come == 0) | calm) & resting & (before != 0) & free
     named = np.where(resting, np.where(died, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= slow)] = 0.0

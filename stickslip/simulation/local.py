@@ -198,7 +198,7 @@ class Local:
         parts, forest = self._parts, self._forest
         parts.renewed_at = t
         live = parts.is_bent
-        live[forest.near_row[live[forest.near]]] = True
+        live[forest.near_body[live[forest.near]]] = True
         live[forest.child[self._next_roots.is_live]] = True
         bodies = parts.groups.sharing(live)
         parts.series_end = parts.stop
@@ -292,7 +292,7 @@ class Local:
                 break
         else:
             self._bad = rows
-        self._most_guards()
+        self._count_guards()
         changed = (parts.label[gaps] != before).nonzero()[0]
         noted = [(j, 0, "open") for j in opened]
         for j, was in zip(gaps[changed].tolist(), before[changed].tolist(), strict=True):
@@ -364,7 +364,7 @@ class Local:
         self._held += are.count(0) - were.count(0)
         self._armed += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
-        self._most_guards()
+        self._count_guards()
         noted = [(j, a, b, cause_of(a, b, j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
         for event in sorted(noted):
@@ -372,7 +372,7 @@ class Local:
         if self._next_roots.at_once.size and not self._bad.size:
             self._go_beyond(self._next_roots.at_once, t)
 
-    def _most_guards(self) -> None:
+    def _count_guards(self) -> None:
         self.most_guards = max(self.most_guards, self._armed + self._next_roots.borders)
 
     def _regroup(self, tree: Tree, outcome: TreeModes, groups: list[int]) -> None:

@@ -48,11 +48,11 @@ class LinearSolver:
         self._places: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._pattern: Any = None
 
-    def hold(self, size: int, structure: Callable[[], Any]) -> bool:
-        """Make room for a Jacobian of some size and structure; return whether earlier solvers have no room for it."""
+    def hold(self, size: int, jacobian_pattern: Callable[[], Any]) -> bool:
+        """Make room for a Jacobian of some size and pattern; return whether earlier solvers have no room for it."""
         if size <= _DENSE_LIMIT:
             return self._become("dense", size)
-        jacobian = structure()
+        jacobian = jacobian_pattern()
         is_dense = isinstance(jacobian, np.ndarray)
         matrix = jacobian if is_dense else scipy.sparse.coo_array(jacobian)
         row, column = jacobian.nonzero() if is_dense else (matrix.row, matrix.col)
