@@ -86,7 +86,10 @@ def first_dip(along: GuardsAlong) -> Dip | None:
     tau, row = found
     if row is None:
         return None if along.path.hit and tau >= taus[-1] else Dip(tau)
-    return Dip(tau, int(guards.row[rows[row]]))
+    # the place of the minimum, once more, between wider bounds
+    place = int(looks.searchsorted(tau))
+    left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
+    return Dip(_lowest(values, row, left, right)[0], int(guards.row[rows[row]]))
 
 
 def _highest(looks: Array, values: Array, low: Array, taus: Array) -> Array:
