@@ -30,7 +30,7 @@ _CAREFUL, _SHORTEST = 1e-4, 1e-8
 _Steps = tuple[float, float]  # longest and first step in s
 
 
-class _Followed:
+class _CurrentMotion:
     """The motion that is followed now, for the callbacks of solvers.
 
     Solvers do not refer to the engine: such a cycle of references could only be freed by the garbage collector.
@@ -72,7 +72,7 @@ class Cvode:
         if task.exact_at_rest:
             self._series = Series(task)
             self._series.work = self.work
-        self._now = _Followed()
+        self._now = _CurrentMotion()
         self._solvers: dict[_Steps, Any] = {}
         self._events: dict[_Steps, int] = {}
 
@@ -109,7 +109,7 @@ class Cvode:
     def _solver(self, selected: Selected) -> tuple[_Steps, Any]:
         motion = selected.motion
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
-        if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
+        if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.jacobian_pattern)):
             self._solvers.clear()
         first = first_step(motion, *self._tolerance)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions

@@ -23,7 +23,7 @@ from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
 from stickslip.equations.algebra.matrices import MatrixBlock, assembled, dense
-from stickslip.equations.balance import joined
+from stickslip.equations.balance import component_numbers
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -140,7 +140,7 @@ class _Residual:
         unit = dense(self._G) / scale[:, None]
         values, vectors = np.linalg.eigh(unit @ unit.T)
         free = vectors[:, values < 1e-12 * values.max()]
-        part = joined(self._G)
+        part = component_numbers(self._G)
         mobility = np.zeros(part.max() + 1)
         np.maximum.at(mobility, part, 1.0 / (self.impulse_scale * scale**2))
         # the least norm is that of lambda * scale
@@ -150,7 +150,7 @@ class _Residual:
         motion, system = self._motion, self._system
         held, m = motion.equations.held, system.m
         # the summed sizes of their terms: as a row breaks away the forces on its bodies may cancel
-        _, sizes = motion.magnitudes(1)[0]
+        _, sizes = motion.majorants(1)[0]
         largest = sizes[m : m + held.size].max(initial=0.0)
         levels = system.largest_coefficient[held]
         for tau in (0.0, 0.5 * motion.horizon, motion.horizon):
@@ -226,7 +226,7 @@ class _Residual:
                 by_bristle = law.by_bristle(w, normal, z)
                 blocks.append((bodies, places, pushed[:, law.bristles] * by_bristle))
         if motion.dependence is not None:
-            blocks.append((bodies, motion.dependence.columns, -self._of_dependence(tau, y)))
+            blocks.append((bodies, motion.dependence.states, -self._of_dependence(tau, y)))
         if self._null is not None:
             blocks.append((forces, forces, -self._null))
         return assembled(total, blocks)

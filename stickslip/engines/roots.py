@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
-_ROUNDOFF = 2e-15  # roundoff of a value, as a part of the summed sizes of its terms
+_ROUNDOFF = 2e-15  # roundoff of a value, as a part of its majorant
 _STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
 
 # Polynomials with at least so many terms are Taylor series, over steps that their remainder limits. Shorter ones are
@@ -57,7 +57,7 @@ def first_root(
     root only saves time, and so do the `bernstein` coefficients.
     """
     c = coefficients.tolist()
-    found = _first(c, _in_bernstein(coefficients, bernstein), floor, guess)
+    found = _first_crossing(c, _in_bernstein(coefficients, bernstein), floor, guess)
     first = 0.0
     while found is not None and floor:
         back = _back(c, found, _STEPS * _ROUNDOFF * floor)
@@ -65,7 +65,7 @@ def first_root(
             break
         first = back
         rest = _from(coefficients, first)
-        found = _first(rest.tolist(), _in_bernstein(rest, None), max(floor, _size(c, first)), None)
+        found = _first_crossing(rest.tolist(), _in_bernstein(rest, None), max(floor, _majorant(c, first)), None)
         found = None if found is None else first + found * (1 - first)
     return found
 
@@ -76,7 +76,7 @@ def first_touch(coefficients: Array, floor: float, bernstein: Array | None = Non
     It touches 0 where it turns no farther from 0 than the roundoff of its terms and of `floor` in many steps.
     """
     c, part = coefficients.tolist(), _STEPS * _ROUNDOFF
-    near = part * max(_size(c, 1.0), floor)
+    near = part * max(_majorant(c, 1.0), floor)
     lowered = [c[0] - near, *c[1:]]
     root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)
     if root is not None and root < _FAR_DOWN and len(c) < _LONG:
@@ -84,7 +84,7 @@ def first_touch(coefficients: Array, floor: float, bernstein: Array | None = Non
         lowered = [a - part * abs(a) for a in c]
         lowered[0] -= part * floor
         root = _below(lowered, _in_bernstein(np.array(lowered), None), floor)
-        near = 0.0 if root is None else part * (floor + _size(c, root))
+        near = 0.0 if root is None else part * (floor + _majorant(c, root))
     if root is None:
         return None, False
     turn = _turn(lowered, root, 2 * near)
@@ -97,8 +97,8 @@ def _in_bernstein(coefficients: Array, known: Array | None) -> Array:
     return _to_bernstein(coefficients.size - 1) @ coefficients if known is None else known
 
 
-def _size(c: list[float], place: float) -> float:
-    """Return the summed sizes of the terms of a polynomial at a place; of a Taylor series, at its end."""
+def _majorant(c: list[float], place: float) -> float:
+    """Return the majorant of a polynomial at a place; of a Taylor series, at its end."""
     if place == 1.0 or len(c) >= _LONG:
         return sum(map(abs, c))
     size = 0.0
@@ -135,10 +135,10 @@ def _from(coefficients: Array, first: float) -> Array:
 
 def _below(c: list[float], bernstein: Array, floor: float) -> float | None:
     """Return where a polynomial is first negative, 0 where it is not positive at the start."""
-    return 0.0 if c[0] <= 0 else _first(c, bernstein, floor, None)
+    return 0.0 if c[0] <= 0 else _first_crossing(c, bernstein, floor, None)
 
 
-def _first(c: list[float], bernstein: Array, floor: float, guess: float | None) -> float | None:
+def _first_crossing(c: list[float], bernstein: Array, floor: float, guess: float | None) -> float | None:
     # a half is kept as a map and the coefficients of the whole: most halves behind the first root are never needed
     stack: list[tuple[Array | None, Array, float, float, int]] = [(None, bernstein, 0.0, 1.0, 0)]
     while stack:
@@ -147,7 +147,7 @@ def _first(c: list[float], bernstein: Array, floor: float, guess: float | None) 
         values = b.tolist()
         least = min(values)
         # near the start of the interval the terms of a short polynomial are smaller, and so is their roundoff
-        if least >= 0 or least >= -(noise := _ROUNDOFF * max(_size(c, high), floor)):
+        if least >= 0 or least >= -(noise := _ROUNDOFF * max(_majorant(c, high), floor)):
             continue
         if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
             if guess is None:

@@ -167,7 +167,7 @@ class Series:
         self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
         if not guards.is_plain:
             g = _divided(g, guards.order if tau == 0 else np.where(guards.order == NEVER, NEVER, 0))
-        root, guard, touches = self._first(g, motion, guards, h if tau == 0 else None)
+        root, guard, touches = self._first_root(g, motion, guards, h if tau == 0 else None)
         return _Step(terms, h, root, guard, int(guards.row[guard]) if touches else None)
 
     @staticmethod
@@ -209,19 +209,19 @@ class Series:
             limit = min(limit, found)
         return limit
 
-    def _roundoff_scale(self, motion: Motion, guards: Guards, i: int, first: float | None) -> float:
+    def _roundoff_scale(self, motion: Motion, guards: Guards, i: int, h0: float | None) -> float:
         """Return the size of which a guard's roundoff is a part: the largest speeds so far, or forces at the start.
 
-        In the first step, of length `first`, a border that leaves 0 is measured from its value at the start. So it has
+        In the first step, of length `h0`, a border that leaves 0 is measured from its value at the start. So it has
         the roundoff of a velocity times that length.
         """
-        if first is not None and guards.is_border[i] and guards.order[i] == 1:
-            return float(guards.majorant[1, i]) * first
+        if h0 is not None and guards.is_border[i] and guards.order[i] == 1:
+            return float(guards.majorant[1, i]) * h0
         if guards.is_velocity[i]:
             return float((motion.system.abs_G[[guards.row[i]]] @ self._speed)[0])
         return float(guards.value_scale[i])
 
-    def _first(self, g: Array, motion: Motion, guards: Guards, first: float | None) -> tuple[float | None, int, bool]:
+    def _first_root(self, g: Array, motion: Motion, guards: Guards, h0: float | None) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""
         close, bernstein = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
@@ -238,7 +238,7 @@ class Series:
             c, own = g[:, i], b
             if found is not None:
                 c, own = c * found ** np.arange(c.size), None
-            scale = self._roundoff_scale(motion, guards, i, first)
+            scale = self._roundoff_scale(motion, guards, i, h0)
             root, only = first_touch(c, scale, own) if may_stick[i] else (first_root(c, scale, own), False)
             self.work.guards_isolated += 1
             if root is not None:

@@ -17,7 +17,7 @@ from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Complex, Mask
 
-_DENSE = 200
+_DENSE_LIMIT = 200
 _ROUNDOFF = 1e-9
 _NEAR_REST = 3.0
 
@@ -120,7 +120,7 @@ class Stability:
 def _eigenvalues(jacobian: Any) -> Complex:
     """Return the eigenvalues; of a large matrix only those largest in magnitude."""
     size = jacobian.shape[0]
-    if size <= _DENSE:
+    if size <= _DENSE_LIMIT:
         return np.asarray(np.linalg.eigvals(dense(jacobian)), dtype=np.complex128)
     start = np.cos(np.arange(size))  # ARPACK's own start vector would differ from run to run
     try:

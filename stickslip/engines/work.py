@@ -15,7 +15,7 @@ from stickslip.model.arrays import Array
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 
 # SUNDIALS' statuses if the error test or the iteration failed too often; and how many points before that are progress.
-_STUCK, _SOME_STEPS = (-3, -4), 10
+_GAVE_UP, _SOME_STEPS = (-3, -4), 10
 
 BEYOND = 1e100  # no velocity or position becomes as large as this unless something feeds it for ever
 
@@ -83,7 +83,7 @@ def solved(solution: Any, path: Path) -> Path:
     Where a solver could not pass a kink or roundoff after some steps, its path is returned: the motion goes on with a
     new solver. This one has no memory of earlier points. It counts time from 0, so that it can take shorter steps.
     """
-    if solution.status >= 0 or (solution.status in _STUCK and path.taus.size > _SOME_STEPS):
+    if solution.status >= 0 or (solution.status in _GAVE_UP and path.taus.size > _SOME_STEPS):
         return path
     sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
     raise SolverFailure(

@@ -141,7 +141,7 @@ class Balance:
         dependent.append(bodies)
         first = single.size
         others = np.setdiff1d(np.arange(h), single)
-        for rows in split_by(joined(G[others]), others) if others.size else []:
+        for rows in split_by(component_numbers(G[others]), others) if others.size else []:
             tree = _Tree.of(self._inertia, G[rows], D[rows]) if rows.size > _SMALL else None
             if tree is not None:
                 T.add(tree.T)
@@ -204,7 +204,7 @@ class Balance:
             found = found + self.parting @ drives
         return found
 
-    def magnitudes(self, forces: Array, drives: Array) -> tuple[Array, Array]:
+    def majorants(self, forces: Array, drives: Array) -> tuple[Array, Array]:
         """Return majorants of the accelerations and of the held forces: sums of the absolute values of their terms.
 
         They follow from majorants of the forces on the bodies and of the accelerations of drives.
@@ -212,18 +212,18 @@ class Balance:
         inertia = like(self._inertia, forces)
         led = abs(self.U) @ drives if self.is_driven else None
         acceleration: Array = forces if led is None else forces + inertia * led
-        for factor in reversed(self._sizes[1:]):
+        for factor in reversed(self._abs_maps[1:]):
             acceleration = factor @ acceleration
         if led is not None:
             acceleration = acceleration + led
         rest = forces + inertia * acceleration
-        held: Array = self._sizes[0] @ rest[self.dependent]
+        held: Array = self._abs_maps[0] @ rest[self.dependent]
         for rows, tree in self._large:
-            held[rows] = tree.magnitude(rest)
+            held[rows] = tree.majorants(rest)
         return acceleration, held if self.parting is None else held + abs(self.parting) @ drives
 
     @cached_property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _abs_maps(self) -> tuple[Any, ...]:
         if not self._is_sparse:
             return abs(self._S), np.abs(self._mobility)
         return abs(self._S), abs(self.T), abs(self._reduced), abs(self._TT)
@@ -280,7 +280,7 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
     return rows, G.indices[places].astype(np.intp), G.data[places]
 
 
-def joined(G: Any) -> Indices:
+def component_numbers(G: Any) -> Indices:
     """Return a number for each row: rows that share a body, directly or by way of other rows, have the same number."""
     if isinstance(G, np.ndarray):
         number = np.arange(G.shape[0])
@@ -290,8 +290,8 @@ def joined(G: Any) -> Indices:
         return number
     held = scipy.sparse.csr_array((np.ones(G.nnz), G.indices, G.indptr), shape=G.shape)
     graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    return np.asarray(label[: G.shape[0]], dtype=np.intp)
+    component = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return np.asarray(component[: G.shape[0]], dtype=np.intp)
 
 
 class _Component:
@@ -341,7 +341,7 @@ class _Component:
     ) -> None:
         """Subtract from the forces the part that no body feels; rows are scaled to their largest coefficient."""
         links = np.abs(null) > _ZERO
-        number = np.unique(joined(links), return_inverse=True)[1]
+        number = np.unique(component_numbers(links), return_inverse=True)[1]
         self.loop = np.where(links.any(axis=0), number[links.argmax(axis=0)], -1)
         null = np.where(links, null, 0.0)
         # for the forces of scaled rows: lambda * scale
@@ -442,8 +442,8 @@ class _Tree:
         """Return the forces of the rows from the rests ``F - M v'`` of the forces on all bodies."""
         return np.asarray(self.solver.solve(rest[self.dependent])[self.order])
 
-    def magnitude(self, rest: Array) -> Array:
-        """Return bounds of the majorants of these forces, from those of the rests."""
+    def majorants(self, rest: Array) -> Array:
+        """Return bounds of majorants of these forces, from those of the rests."""
         total = self.gain * rest[self.dependent].sum(axis=0)
         return np.broadcast_to(total, (self.dependent.size, *rest.shape[1:]))
 
@@ -478,9 +478,9 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         safe = some[diagonal[some] > 0]
         values[safe] = 1.0 / diagonal[safe]
         return scipy.sparse.diags_array(values, format="csr")
-    _, label = scipy.sparse.csgraph.connected_components(matrix, directed=False)
+    _, component = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     entries = _Entries()
-    for own in split_by(label[some], some):
+    for own in split_by(component[some], some):
         block = matrix[own][:, own].toarray()
         entries.block(own, own, np.linalg.inv(block) if block.any() else np.zeros_like(block))
     return entries.matrix((size, size))

@@ -64,8 +64,8 @@ class Forest:
     row_of : array (n,) of int or None
         The row in a tree at each body, -1 for none. None unless all of these rows join one body to the ground or a
         drive, and no body has two.
-    near_from, near, near_row, stiffness, damping : arrays
-        The same for couplings. The entries of a body, the `near_row`, are the forces on it by position and velocity of
+    near_from, near, near_body, stiffness, damping : arrays
+        The same for couplings. The entries of a body, the `near_body`, are the forces on it by position and velocity of
         other bodies `near`, and by its own. Gaps have entries, too, which are 0 here.
     coupled : array (n,) of bool
         Which bodies springs, dampers or forces that follow the motion act on.
@@ -179,10 +179,10 @@ class Forest:
         own_i, own_k = ends[gap, one], ends[gap, other]
         keys, place = np.unique(np.concatenate([both.row * n + both.col, own_i * n + own_k]), return_inverse=True)
         i, k = keys // n, keys % n
-        self.near_row, self.near = i.astype(np.intp), k.astype(np.intp)
+        self.near_body, self.near = i.astype(np.intp), k.astype(np.intp)
         self.near_from = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
         self.stiffness, self.damping = (_entries(x, i, k) for x in (position, velocity))
-        self.coupled = np.bincount(self.near_row, (self.stiffness != 0) | (self.damping != 0), n) > 0
+        self.coupled = np.bincount(self.near_body, (self.stiffness != 0) | (self.damping != 0), n) > 0
         # what gaps add: entry, gap, and the factor of the gap's own stiffness and damping
         lever = self.lever[self.gaps]
         entries, factor = place[both.nnz :], -lever[gap, one] * lever[gap, other]
@@ -212,7 +212,7 @@ class Forest:
         if not self.is_coupled:
             return
         self.order = _ORDER
-        row = self.near_row
+        row = self.near_body
         own = row == self.near
         norms = []
         for bounds in (self.stiffest, self.most_damped):
@@ -280,17 +280,17 @@ def _knots(system: System) -> tuple[Mask, Indices, Indices]:
     # a row joins all of its bodies
     ends = np.repeat(first, bodies)
     graph = scipy.sparse.coo_array((np.ones(ends.size), (ends, G.indices)), shape=(n, n))
-    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    own = label[first]
+    count, component = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    own = component[first]
     plain = np.array([_compares_velocities(row.coefficients) for row in system.rows], dtype=bool)
     plain &= system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) > 0)
     inner, led = np.bincount(own[bodies > 1], minlength=count), np.bincount(own[bodies == 1], minlength=count)
-    knotted = (inner >= np.bincount(label, minlength=count)) | (led > 1)
+    knotted = (inner >= np.bincount(component, minlength=count)) | (led > 1)
     knotted[own[~plain[joins]]] = True
     number = np.where(knotted, np.cumsum(knotted) - 1, -1)
     of_row = np.full(system.m, -1)
     of_row[joins] = number[own]
-    return joins & (of_row < 0), number[label], of_row
+    return joins & (of_row < 0), number[component], of_row
 
 
 def _compares_velocities(coefficients: Mapping[int, float]) -> bool:

@@ -48,7 +48,7 @@ class InModes(Protocol):
     def respond(self, q: Array) -> Array:
         """Return rates, and what is watched, of inputs."""
 
-    def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
+    def majorants(self, y: Array, q: Array) -> tuple[Array, Array]:
         """Return majorants of the rates and of the watched quantities."""
 
 
@@ -96,7 +96,7 @@ class GuardRows:
             (pressed, lambda j: (j, 0, 0, np.where(np.isin(j, equations.open), -1, 1), 0, 0, 0, 3)),
             (loose, lambda j: (j, j, signs, 0, 0, 0, 0, 0)),
         ]
-        parts = [told(rows) for rows, told in kinds if rows.size]
+        parts = [columns_of(rows) for rows, columns_of in kinds if rows.size]
         ends = list(accumulate((rows.size for rows, _ in kinds if rows.size), initial=0))
 
         def column(k: int, dtype: type = float) -> Array:
@@ -127,7 +127,7 @@ class GuardRows:
         self.may_stick[: slip.size] = system.holds_more[side[slip], slip]
         """Velocities of contacts that hold more at rest than in motion."""
         self.has_normals = bool(pressed.size)
-        self._sizes: dict[tuple[int, SineTurns], Array | None] = {}
+        self._majorant_maps: dict[tuple[int, SineTurns], Array | None] = {}
 
     @cached_property
     def is_dwelling(self) -> Mask:
@@ -187,14 +187,14 @@ class GuardRows:
         found[self.rising] -= self.rise[:, None] * q[self.dwell]
         return np.asarray(found)
 
-    def sizes(self, order: int, sine_turns: SineTurns) -> Array | None:
+    def majorant_map(self, order: int, sine_turns: SineTurns) -> Array | None:
         """Return the map to majorants of the Taylor coefficients of the guards, order by order; None if it is large.
 
         It acts on majorants of states, inputs, their slopes, dwells and their slopes, and on the amplitudes of sines
-        (`Inputs.adding_up`).
+        (`Inputs.extended_majorants`).
         """
         key = order, sine_turns
-        if key not in self._sizes:
+        if key not in self._majorant_maps:
             equations, entries = self._equations, np.array(sine_turns[0], dtype=np.intp)
             system, turns = equations.system, np.abs(np.array(sine_turns[1]))
             parts = [system.size, *2 * [system.inputs], *2 * [system.dwelling.size], entries.size]
@@ -202,18 +202,18 @@ class GuardRows:
             # to make it takes a product for each order
             if is_quickly_made(system, columns, order * self.size * (order + 1)):
                 y, q, slope, dwell, dwell_slope, sines = np.split(np.eye(columns), np.cumsum(parts)[:-1])
-                fall, sizes = 1.0 / system.dwell[system.dwelling, None], []
+                fall, maps = 1.0 / system.dwell[system.dwelling, None], []
                 for k in range(order + 1):
                     given = np.concatenate([q, dwell])
                     np.add.at(given, entries, sines)
-                    rate, z = equations.magnitudes(y, given)
-                    sizes.append(self.majorants(z, given))
+                    rate, z = equations.majorants(y, given)
+                    maps.append(self.majorants(z, given))
                     y, q, slope = rate / (k + 1), slope / (k + 1), np.zeros_like(slope)
                     dwell, dwell_slope = (fall * dwell + dwell_slope) / (k + 1), fall * dwell_slope / (k + 1)
                     sines = turns[:, None] * sines / (k + 1)
-                found = np.concatenate(sizes)
-            self._sizes[key] = found
-        return self._sizes[key]
+                found = np.concatenate(maps)
+            self._majorant_maps[key] = found
+        return self._majorant_maps[key]
 
     def majorants(self, z: Array, q: Array) -> Array:
         """Return majorants of the guards, from those of watched quantities and inputs (or columns of them)."""

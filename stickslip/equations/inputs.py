@@ -239,7 +239,7 @@ class Inputs:
         # each sine by itself: two whose amplitudes cancel still move something
         each = np.zeros((system.inputs_and_dwells, entries.size))
         each[entries, np.arange(entries.size)] = segment.amplitudes[entries]
-        rate, _ = equations.magnitudes(np.zeros(system.size), each.sum(axis=1))
+        rate, _ = equations.majorants(np.zeros(system.size), each.sum(axis=1))
         moved = np.abs(equations.respond(each)[: system.size]) > 1e-12 * rate[:, None]
         return not (moved.any() or system.drive_velocities(each).any())
 
@@ -313,29 +313,29 @@ class Inputs:
         """Whether a level begins to rise at the start, so that its age is exact."""
         return self._rising.size > 0 and 0.0 in self._age.tolist()
 
-    def adding_up(self, of_time: bool = False) -> Array:
+    def extended_majorants(self, no_new_dwells: bool = False) -> Array:
         """Return majorants of states, inputs, dwells and their slopes at the start, and the amplitudes of sines.
 
-        If `of_time`, dwells that begin there are left out.
+        If `no_new_dwells`, dwells that begin there are left out.
         """
         segment, size = self.segment, self.system.size
         found = np.abs(self._extended(0.0, self.y))
-        found[:size] = self.sizes
+        found[:size] = self.state_majorants
         if not segment.is_steady:
             value = np.abs((self.t - segment.start) * segment.slope)
             value += np.abs(segment.value)
             found[size : size + value.size] = value
-        if of_time:
+        if no_new_dwells:
             begin = size + 2 * self.system.inputs + self._rising[self._age == 0]
             found[begin] = found[begin + self.system.dwelling.size] = 0.0
         return np.concatenate([found, np.abs(segment.sines.amplitude)]) if segment.has_sines else found
 
     @cached_property
-    def sizes(self) -> Array:
+    def state_majorants(self) -> Array:
         """Majorants of the states at the start: their roundoff is a part of these."""
         found, is_driven = np.abs(self.y), self.equations.is_driven
         u = self.system.drive_velocities(np.abs(self.start_inputs)) if is_driven else found[:0]
-        return self.equations.add_up_led(found, u)
+        return self.equations.write_led_majorants(found, u)
 
     @property
     def _rises_with_state(self) -> bool:
@@ -353,12 +353,12 @@ class Inputs:
 
     # -- majorants -----------------------------------------------------------------------------------------
 
-    def _input_magnitudes(self, order: int, of_time: bool = False) -> Array:
+    def _input_majorants(self, order: int, no_new_dwells: bool = False) -> Array:
         """Return majorants of inputs and dwells at the start, an order per row, without what depends on the state.
 
-        If `of_time`, dwells that begin there are left out.
+        If `no_new_dwells`, dwells that begin there are left out.
         """
-        parts = self.segment.magnitudes(self.t, order)
+        parts = self.segment.majorants(self.t, order)
         if not self.system.dwelling.size:
             return parts
         inputs = self.system.inputs
@@ -370,17 +370,17 @@ class Inputs:
             rises = np.zeros(normals.shape)
             for k in range(order + 1 if self.segment.has_sines else 2):
                 rises[k:] += decay[: order + 1 - k] * normals[k]
-            if of_time:
+            if no_new_dwells:
                 rises[:, self._age == 0] = 0.0
             found[:, inputs + self._rising] = rises
         return found
 
-    def _add_magnitudes(self, q: Array, y: Array, values: bool) -> None:
+    def _add_majorants(self, q: Array, y: Array, values: bool) -> None:
         """Add majorants of the inputs that depend on the state, in place: of their `values`, or else of their rates."""
         dependence = self.dependence
         assert dependence is not None
         slopes = None if dependence.is_linear else self._slopes_by_arguments
-        dependence.add_sizes(q, y, slopes, self.start_inputs if values else None)
+        dependence.add_majorants(q, y, slopes, self.start_inputs if values else None)
 
     @cached_property
     def _slopes_by_arguments(self) -> list[Array]:

@@ -19,7 +19,7 @@ from stickslip.equations.algebra.matrices import (
     scaled,
     stacked,
 )
-from stickslip.equations.balance import Balance, joined
+from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads.loads import SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
@@ -186,7 +186,7 @@ class ModeEquations:
         return found
 
     @cached_property
-    def _link_sizes(self) -> tuple[Any, Any]:
+    def _abs_links(self) -> tuple[Any, Any]:
         system = self.system
         return (abs(self.C), abs(self.Q)) if system.piecewise.count else (system.abs_C, system.abs_Q)
 
@@ -233,7 +233,7 @@ class ModeEquations:
         """
         system, scale, found = self.system, self.system.largest_lever, Triplets()
         rows = np.concatenate([self.held, self.at_level])
-        number = joined(system.G[rows])
+        number = component_numbers(system.G[rows])
         held_number, own_number = number[: self.held.size], number[self.held.size :]
         for one in np.unique(own_number).tolist():
             # only the held rows of the same component matter
@@ -246,17 +246,17 @@ class ModeEquations:
             found.extend(np.repeat(top, bodies.size), np.tile(bodies, top.size), shares.ravel())
         return system.matrix(found, (self.at_level.size, system.n))
 
-    def locked(self, rows: Any, but_by_drives: bool = False) -> Mask:
+    def locked(self, rows: Any, ignore_drives: bool = False) -> Mask:
         """Tell which of some rows cannot move because held rows lock the same motion.
 
-        With `but_by_drives`, rows that only drives can move are among them.
+        With `ignore_drives`, rows that only drives can move are among them.
         """
         system, balance = self.system, self.balance
         G, D, levers = system.G[rows], system.D[rows], system.largest_lever[rows]
         if not self.held.size:
             return np.zeros(G.shape[0], dtype=bool)
         found = no_body_moves(G, balance, levers)
-        if not but_by_drives:
+        if not ignore_drives:
             found &= row_maxima(system.independent(G @ balance.U + D)) <= _LOCKED * levers
         return found
 
@@ -437,9 +437,9 @@ class ModeEquations:
         """Write the dependent velocities of a state (or rows of its columns) through T, in place."""
         return self._write_led(y, u, self.T_dependent, self.U_dependent)
 
-    def add_up_led(self, y: Array, u: Array) -> Array:
+    def write_led_majorants(self, y: Array, u: Array) -> Array:
         """Write majorants of the dependent velocities into the absolute values of a state, in place."""
-        return self._write_led(y, u, *self._led_sizes)
+        return self._write_led(y, u, *self._abs_led)
 
     def _write_led(self, y: Array, u: Array, T: Any, U: Any) -> Array:
         if self.dependent.size:
@@ -448,7 +448,7 @@ class ModeEquations:
         return y
 
     @cached_property
-    def _led_sizes(self) -> tuple[Any, Any]:
+    def _abs_led(self) -> tuple[Any, Any]:
         return abs(self.T_dependent), abs(self.U_dependent)
 
     def mobility(self, row: int) -> float:
@@ -482,7 +482,7 @@ class ModeEquations:
         return assembled(system.size, [(slice(n), slice(n), self.balance.accelerations(forces))])
 
     @cached_property
-    def structure(self) -> Any:
+    def jacobian_pattern(self) -> Any:
         """A matrix whose entries are those of ``d y' / d y`` that may differ from 0, but for bristles."""
         if not self.velocity_dependent.size:
             return self.jacobian()
@@ -503,7 +503,7 @@ class ModeEquations:
 
     # -- majorants -------------------------------------------------------------------------------------------
 
-    def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
+    def majorants(self, y: Array, q: Array) -> tuple[Array, Array]:
         """Return majorants of the rates and of the watched quantities, from those of states and inputs.
 
         A majorant is the sum of the absolute values of all terms. The roundoff of a quantity is a part of its majorant.
@@ -511,11 +511,11 @@ class ModeEquations:
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
         largest = like(system.largest_coefficient, q)
-        abs_C, abs_Q = self._link_sizes
+        abs_C, abs_Q = self._abs_links
         forces = abs_C @ y + abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
         found = np.zeros((size + self.watched_count, *q.shape[1:]))
         rate, z = found[:size], found[size:]
-        rate[:n], z[m : m + self.held.size] = balance.magnitudes(forces, system.drive_accelerations(q))
+        rate[:n], z[m : m + self.held.size] = balance.majorants(forces, system.drive_accelerations(q))
         rate[system.moved_state] = y[system.moved]
         rate[system.carried_state] = system.drive_velocities(q)[system.carried]
         if size > system.first_block:
@@ -529,7 +529,7 @@ class ModeEquations:
             sizes = forces + like(system.inertia, q) * rate[:n]
             z[first : first + self.at_level.size] = abs(self.shares) @ sizes
         if self.borders.size:
-            z[-self.borders.size :] = self.border_magnitudes(y, q)
+            z[-self.borders.size :] = self.border_majorants(y, q)
         return rate, z
 
     @cached_property
@@ -570,13 +570,13 @@ class ModeEquations:
         some, size = self.velocity_dependent, self.system.size
         return stacked(size, [(slice(self.system.n), from_velocities[some].T)]).T
 
-    def border_magnitudes(self, y: Array, q: Array) -> Array:
+    def border_majorants(self, y: Array, q: Array) -> Array:
         """Return majorants of the borders, from those of states and inputs."""
-        by_state, by_input = self._border_sizes
+        by_state, by_input = self._abs_borders
         return np.asarray(by_state @ y + by_input @ q[: self.system.inputs])
 
     @cached_property
-    def _border_sizes(self) -> tuple[Any, Any]:
-        """The maps of `border_magnitudes`."""
+    def _abs_borders(self) -> tuple[Any, Any]:
+        """The maps of `border_majorants`."""
         functions = self.system.piecewise
         return functions.abs_border_y[self.borders], functions.abs_border_q[self.borders]

@@ -260,8 +260,8 @@ class Motion(Inputs):
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``z = E y + H q + L e``; the inputs `q` need not be given."""
         equations = self.equations
-        reached = self.has_law and equations.is_watched_by_laws
-        found = self.both(tau, y, q) if reached else self._linear(tau, y, q)
+        shows_laws = self.has_law and equations.is_watched_by_laws
+        found = self.both(tau, y, q) if shows_laws else self._linear(tau, y, q)
         return found[self.system.size :]
 
     def until(self, path: Path, tau: float, hit: bool = False, touched: int | None = None) -> Path:
@@ -295,17 +295,17 @@ class Motion(Inputs):
         terms = self.law_arguments(tau, y)
         slopes = equations.law.slopes(*terms)
         if true_slopes:
-            slopes += equations.law.left_out(*terms[:2])
+            slopes += equations.law.slope_cut(*terms[:2])
         matrix = matrix + equations.law_jacobian(slopes)
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
 
     @property
-    def structure(self) -> Any:
+    def jacobian_pattern(self) -> Any:
         """A matrix whose entries are those of the Jacobian that may differ from 0."""
         equations = self.equations
         if self.dependence is not None or equations.bristle_places.size:
             return self.jacobian(0.0, self.y)
-        return equations.structure
+        return equations.jacobian_pattern
 
     def _of_dependence(self, tau: float, y: Array) -> Any:
         """Return what inputs that depend on the state add to the Jacobian."""
@@ -321,7 +321,7 @@ class Motion(Inputs):
         size, n = system.size, system.n
         if not system.sparse:
             full = np.zeros((size, size))
-            full[:, dependence.columns] = found[:size]
+            full[:, dependence.states] = found[:size]
             if equations.dependent.size:
                 full[:, :n] = full[:, :n] @ equations.balance.T
             return full
@@ -330,7 +330,7 @@ class Motion(Inputs):
         some = (equations.respond(pattern) + equations.push(pattern[rows]) != 0)[:size] | (found[:size] != 0)
         some[equations.bristle_places] |= pattern[rows[equations.law.bristles]] != 0
         places = some.nonzero()
-        entries = (found[places], (places[0], dependence.columns[places[1]]))
+        entries = (found[places], (places[0], dependence.states[places[1]]))
         matrix = scipy.sparse.csr_array(entries, shape=(size, size))
         if equations.dependent.size:
             fold = scipy.sparse.block_diag([equations.balance.T, scipy.sparse.eye_array(size - n)], format="csr")
@@ -410,38 +410,38 @@ class Motion(Inputs):
             finite = linked is None and not following.any()
         return Expansion.of(whole, size, equations.watched_count, q)
 
-    def magnitudes(self, order: int, from_rates: bool = False, of_time: bool = False) -> list[tuple[Array, Array]]:
+    def majorants(self, order: int, from_rates: bool = False, no_new_dwells: bool = False) -> list[tuple[Array, Array]]:
         """Return majorants of the Taylor coefficients of inputs and watched quantities at the start, up to `order`.
 
         They are the series of the same equations with absolute values, so that nothing cancels. If `from_rates`, terms
-        may cancel in the first rates, but not later; if `of_time`, dwells that begin at the start are left out.
+        may cancel in the first rates, but not later; if `no_new_dwells`, dwells that begin at the start are left out.
         """
-        y, found = self.sizes, []
-        for k, q in enumerate(self._input_magnitudes(order, of_time)):
+        y, found = self.state_majorants, []
+        for k, q in enumerate(self._input_majorants(order, no_new_dwells)):
             if k == 1 and from_rates:
                 y = np.abs(self.first.y[1])
             if self.dependence is not None:
-                self._add_magnitudes(q, y, k == 0)
-            rate, z = self.equations.magnitudes(y, q)
+                self._add_majorants(q, y, k == 0)
+            rate, z = self.equations.majorants(y, q)
             found.append((q, z))
             y = rate / (k + 1)
         return found
 
-    def rate_magnitudes(self) -> Array:
+    def rate_majorants(self) -> Array:
         """Return majorants of the rates of the states at the start."""
-        return self.equations.magnitudes(self.sizes, np.abs(self.start_inputs))[0]
+        return self.equations.majorants(self.state_majorants, np.abs(self.start_inputs))[0]
 
-    def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
+    def guard_majorants(self, rows: GuardRows, order: int, no_new_dwells: bool = False) -> Array:
         """Return majorants of the Taylor coefficients of the guards at the start, an order per row.
 
-        If `of_time`, dwells that begin there are left out.
+        If `no_new_dwells`, dwells that begin there are left out.
         """
-        sizes = None
+        majorant_map = None
         if not (self.dependence is not None or self.segment.has_functions or self._rises_with_sines):
-            sizes = rows.sizes(order, self.segment.sine_turns)
-        if sizes is None:
-            return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order, of_time=of_time)])
-        found: Array = (sizes @ self.adding_up(of_time)).reshape(order + 1, -1)
+            majorant_map = rows.majorant_map(order, self.segment.sine_turns)
+        if majorant_map is None:
+            return np.array([rows.majorants(z, q) for q, z in self.majorants(order, no_new_dwells=no_new_dwells)])
+        found: Array = (majorant_map @ self.extended_majorants(no_new_dwells)).reshape(order + 1, -1)
         return found
 
     # -- starts ----------------------------------------------------------------------------------------------

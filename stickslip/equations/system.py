@@ -180,7 +180,7 @@ class System:
         places = [at for forms in read for at in forms.places.tolist()]
         # the nodes of the motion itself on which observed quantities depend
         self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
-        self.observed_states = np.unique(np.concatenate([forms.columns for forms in read]))
+        self.observed_states = np.unique(np.concatenate([forms.states for forms in read]))
         beside = {*range(first, self.first_drive), self.inputs - 1}
         # whether an observed quantity reads loads or drives; functions that only they read do not count
         self.observes_inputs = not beside.issuperset(places)
@@ -449,15 +449,15 @@ class System:
         return after
 
     def observed_values(
-        self, q: Array, y: Array, sizes: tuple[Array, Array], t: Array, taus: Array, friction: Friction
+        self, q: Array, y: Array, majorants: tuple[Array, Array], t: Array, taus: Array, friction: Friction
     ) -> tuple[Array, Array]:
         """Return the observed quantities at many times, a line each, and their majorants.
 
-        `sizes` are majorants of the inputs and of the states, columns or one column for all times.
+        `majorants` are those of the inputs and of the states, columns or one column for all times.
         """
         self._only_observed.fill(q, y, t, taus, friction)
-        of_inputs = self._only_observed.sizes_of_tables(np.maximum(np.abs(q), sizes[0]), sizes[1])
-        return self._observed.at(y, q), self._observed.sizes(sizes[1], of_inputs)
+        of_inputs = self._only_observed.enter_table_majorants(np.maximum(np.abs(q), majorants[0]), majorants[1])
+        return self._observed.at(y, q), self._observed.majorants(majorants[1], of_inputs)
 
     def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
         """Return the outputs of a block that is not sampled, a line each, at many times."""

@@ -23,7 +23,7 @@ ORDER = 18  # order up to which motions that are no polynomials are expanded
 # Entries for each order up to which a map is made: modes of larger scenes seldom come back often enough to pay for it.
 _MOST_ENTRIES = 1_000
 _QUICKLY_MADE = 10_000  # entries of a matrix that takes no longer to make than to do without it a few times
-_FASTEST = 1e12  # products of rate and step beyond which powers of them may overflow
+_LARGEST_PRODUCT = 1e12  # products of rate and step beyond which powers of them may overflow
 
 
 def is_small(system: System, rows: int, sines: int) -> bool:
@@ -99,7 +99,7 @@ class TaylorMap:
 
     def reaches(self, scale: float) -> bool:
         """Tell whether the coefficients for steps of this length in s can be computed without overflow."""
-        return self._pace * scale < _FASTEST
+        return self._pace * scale < _LARGEST_PRODUCT
 
     def coefficients(self, x: Array, scale: float, order: int) -> Array:
         """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards side by side.

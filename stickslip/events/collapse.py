@@ -17,7 +17,7 @@ from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask
 
-_SOME = 1e-9  # part of what adds up, or of the largest, below which a force or a rate is roundoff
+_SOME = 1e-9  # part of the majorant, or of the largest, below which a force or a rate is roundoff
 
 
 def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF, TIME
+from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF, TIME
 from stickslip.equations.guards.guards import FULLY, Guards
 from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import OPEN
@@ -17,13 +17,13 @@ from stickslip.events.impact import SAME, Struck, roundoff_of_velocities, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 # Guards, as parts of their scales: differences up to which they tie, and values up to which they are near 0.
-_TIE, _ALONE = 1e-13, 1e-6
-_NOTHING = 1e-200
+_TIE, _NEAR = 1e-13, 1e-6
+_NO_SIZE = 1e-200
 
-_AT_STOP = 1e-12  # part of what adds up in a stretch within which it is at a limit
+_AT_STOP = 1e-12  # part of the majorant of a stretch within which it is at a limit
 _IN_NO_TIME = 1e-13  # part of the time ahead below which a flight is too short to be resolved
 
-_TOLD = 10.0  # multiple of its roundoff from which on the sign of a stretch is certain
+_CERTAIN = 10.0  # multiple of its roundoff from which on the sign of a stretch is certain
 
 # A velocity that arrives at 0, and does not die away, has come from more than this multiple of its roughness.
 _AT_A_RATE = 1e3
@@ -74,7 +74,7 @@ def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
     if not path.hit or path.touched is not None:
         return None
     values, part = _at_end(guards, path)
-    near, uncertain = part <= _ALONE, guards.velocity_uncertainty
+    near, uncertain = part <= _NEAR, guards.velocity_uncertainty
     if uncertain is not None:
         near |= guards.is_velocity & (values <= guards.uncertain)
     if np.count_nonzero(near) != 1:
@@ -90,7 +90,7 @@ def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
 def _at_end(guards: Guards, path: Path) -> tuple[Array, Array]:
     """Return the guards at the end of a path, and as parts of their scales."""
     values, size = guards.at_end(path)
-    return values, values / np.where(size > _NOTHING, size, 1.0)
+    return values, values / np.where(size > _NO_SIZE, size, 1.0)
 
 
 def _has_passed(velocity: Any, leeway: Any) -> Any:
@@ -112,10 +112,10 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
-        if (part.min() if path.guard is None else part[path.guard]) > _ALONE:
+        if (part.min() if path.guard is None else part[path.guard]) > _NEAR:
             # The guard that came to 0 is not small: it left 0 so short a time before that it is still roundoff, or its
             # value is the roundoff of what it compares.
-            back = guards.not_told(float(path.taus[-1]))
+            back = guards.is_roundoff_at(float(path.taus[-1]))
             at = back if back.any() else guards.nearest(part, path)
         if guards.velocity_uncertainty is not None:
             at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
@@ -148,7 +148,7 @@ def at_stops(
     upper, lower, size = functions.limits(y, q, y if largest is None else largest)
     of, row = functions.is_stop, functions.row[functions.is_stop]
     found = [border for border in crossed if of[functions.owner[border]]]
-    near = (STRETCH_ROUNDOFF if is_exact and not found else _AT_STOP) * size
+    near = (FINEST_ROUNDOFF if is_exact and not found else _AT_STOP) * size
     sides[row] = np.where(upper <= near, 1, np.where(lower <= near, -1, 0))[of]
     for border in found:
         sides[functions.row[functions.owner[border]]] = 1 if functions.beyond[border] == 1 else -1
@@ -243,8 +243,8 @@ def _slowest_flight(
         rough = 2.0 * (np.maximum(ROUNDOFF * size, lost) + late)[some]
         slowest = np.sqrt(rough * pace[functions.row[some]])
     else:
-        rough, brakes = 2.0 * STRETCH_ROUNDOFF * size[some], pace[functions.row[some]]
-        slowest = np.minimum(np.sqrt(rough * brakes), _TOLD * rough / ahead)
+        rough, brakes = 2.0 * FINEST_ROUNDOFF * size[some], pace[functions.row[some]]
+        slowest = np.minimum(np.sqrt(rough * brakes), _CERTAIN * rough / ahead)
         # nor must the flight be too short to be resolved in time
         slowest = np.maximum(slowest, _IN_NO_TIME * ahead * brakes)
     part = system.part_of_row

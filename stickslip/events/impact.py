@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import dense, row_maxima
-from stickslip.equations.balance import joined
+from stickslip.equations.balance import component_numbers
 from stickslip.equations.mode_equations import no_body_moves
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
@@ -128,10 +128,10 @@ def _nearest(
     gram = push.T @ answer
     # Joined rows are solved together if one of them is too slow. Other groups are solved by themselves: their speeds
     # may be far smaller.
-    label = joined(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
+    number = component_numbers(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
     impulse = np.zeros(rows.size)
-    for one in np.unique(label[short > least[rows]]).tolist():
-        some = (label == one).nonzero()[0]
+    for one in np.unique(number[short > least[rows]]).tolist():
+        some = (number == one).nonzero()[0]
         impulse[some] = _complementary(gram[np.ix_(some, some)], short[some], rows[some])
     impulses[rows] = turn[rows] * impulse
     v = v + answer @ impulse

@@ -69,7 +69,7 @@ def _to_come(
         to_come, calm = _first_terms(motion, HIGHEST, slow, uncertain, still)
     calm &= ~crossed
     # a velocity that has died away keeps its sign, unless held rows lock the row or let it move only as drives do
-    free = ~motion.equations.locked(slice(None), but_by_drives=True)
+    free = ~motion.equations.locked(slice(None), ignore_drives=True)
     died = ((to_come == 0) | calm) & resting & (before != 0) & free
     named = np.where(resting, np.where(died, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= slow)] = 0.0
@@ -80,7 +80,7 @@ def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array, stil
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
-    sizes = np.array([z[:m] for _, z in motion.magnitudes(order + 1)])
+    sizes = np.array([z[:m] for _, z in motion.majorants(order + 1)])
     magnitude, horizon = with_time(sizes, sizes, motion.t), max(motion.horizon, np.finfo(float).tiny)
     to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
     for k in range(1, order + 1):

@@ -22,33 +22,33 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     Raises an ArithmeticError if roundoff keeps the rounds from ending.
     """
     count = matrix.shape[1]
-    x, counts = np.zeros(count), np.zeros(count, dtype=bool)
+    x, in_use = np.zeros(count), np.zeros(count, dtype=bool)
     least = _TINY * np.linalg.norm(matrix, axis=0) * np.linalg.norm(target)
     for _ in range(_ROUNDS * (count + 1)):
-        slope = np.where(counts, 0.0, matrix.T @ (target - matrix @ x) - least)
+        slope = np.where(in_use, 0.0, matrix.T @ (target - matrix @ x) - least)
         while True:
             entering = int(slope.argmax()) if count else 0
             if not count or slope[entering] <= 0:
                 return x
-            counts[entering] = True
-            trial = _solved(matrix, target, counts)
+            in_use[entering] = True
+            trial = _solved(matrix, target, in_use)
             if trial[entering] > 0:
                 break
             # only roundoff let this column in
-            counts[entering], slope[entering] = False, 0.0
-        while (trial[counts] <= 0).any():
-            falling = counts & (trial <= 0)
+            in_use[entering], slope[entering] = False, 0.0
+        while (trial[in_use] <= 0).any():
+            falling = in_use & (trial <= 0)
             part = float((x[falling] / (x[falling] - trial[falling])).min())
             x = x + part * (trial - x)
             leaving = falling & (x <= _TINY * np.abs(x).max(initial=0.0))
-            counts[leaving] = False
-            x[~counts] = 0.0
-            trial = _solved(matrix, target, counts)
+            in_use[leaving] = False
+            x[~in_use] = 0.0
+            trial = _solved(matrix, target, in_use)
         x = trial
     raise ArithmeticError("an impact or a share of forces is too ill-conditioned to solve")
 
 
-def _solved(matrix: Array, target: Array, counts: Mask) -> Array:
-    found = np.zeros(counts.size)
-    found[counts] = np.linalg.lstsq(matrix[:, counts], target, rcond=None)[0]
+def _solved(matrix: Array, target: Array, in_use: Mask) -> Array:
+    found = np.zeros(in_use.size)
+    found[in_use] = np.linalg.lstsq(matrix[:, in_use], target, rcond=None)[0]
     return found

@@ -12,7 +12,7 @@ from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.crossings import root_between
 
 _CONSTANT = 1e-7  # a velocity is constant if this part is left of the acceleration by the breakaway force, or less
-_DRIVEN = 1e-3  # part of what adds up in an acceleration beyond which it is certainly not 0
+_DRIVEN = 1e-3  # part of the majorant of an acceleration beyond which it is certainly not 0
 
 
 def until_rest(motion: Motion, guards: Guards, path: Path, margin: Array) -> tuple[Path, list[int]]:
@@ -86,9 +86,9 @@ def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
     sign = float(motion.equations.modes[row])
     equal = _brought_to_rest(motion, tau, y, row)
     driven, left = (sign * motion.relative_acceleration(tau, state, row) for state in (equal, y))
-    rates, _ = motion.equations.magnitudes(np.abs(equal), np.abs(motion.inputs(tau, equal)))
-    adds_up = float((motion.system.abs_G[[row]] @ rates[: motion.system.n])[0])
-    return driven < -_DRIVEN * adds_up and left > 0.5 * driven
+    rates, _ = motion.equations.majorants(np.abs(equal), np.abs(motion.inputs(tau, equal)))
+    majorant = float((motion.system.abs_G[[row]] @ rates[: motion.system.n])[0])
+    return driven < -_DRIVEN * majorant and left > 0.5 * driven
 
 
 def _relaxed(

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from stickslip.equations.algebra.matrices import split_by
-from stickslip.equations.balance import Balance, joined
+from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.loads.loads import Segment
@@ -60,8 +60,8 @@ class Search:
         if guards.is_plain and not np.count_nonzero(guards.violated):
             return motion, guards
         # rows that bodies join, directly or by other rows, are a part: its forces accelerate no bodies of another part
-        self._parts = [np.arange(self._system.m)]
-        self._part, self._part_of = (np.zeros(k, dtype=np.intp) for k in (self._system.m, self._system.n))
+        self._rows_of = [np.arange(self._system.m)]
+        self._part_of_row, self._part_of_body = (np.zeros(k, dtype=np.intp) for k in (self._system.m, self._system.n))
         if motion.equations.balance.has_loops:
             self._divide()
         while len(self._tried) < _MOST_TRIALS:
@@ -77,19 +77,19 @@ class Search:
         """Divide the rows into parts: where rows lock the same motion, each may act on all others of its part."""
         system = self._system
         rows = (self._candidates | system.is_stop).nonzero()[0]
-        self._part = np.full(system.m, -1)
-        self._part[rows] = number = np.unique(joined(system.G[rows]), return_inverse=True)[1]
+        self._part_of_row = np.full(system.m, -1)
+        self._part_of_row[rows] = number = np.unique(component_numbers(system.G[rows]), return_inverse=True)[1]
         row, body = system.G[rows].nonzero()
-        self._part_of[body] = number[row]
-        others = (self._part < 0).nonzero()[0]
-        self._part[others] = self._part.max(initial=-1) + 1 + np.arange(others.size)
-        self._parts = split_by(self._part, np.arange(system.m))
+        self._part_of_body[body] = number[row]
+        others = (self._part_of_row < 0).nonzero()[0]
+        self._part_of_row[others] = self._part_of_row.max(initial=-1) + 1 + np.arange(others.size)
+        self._rows_of = split_by(self._part_of_row, np.arange(system.m))
 
     def _changed(self, trial: Modes, following: Modes) -> list[int]:
         """Return the parts in which modes differ."""
-        if len(self._parts) == 1:
+        if len(self._rows_of) == 1:
             return [0]
-        return [int(part) for part in np.unique(self._part[trial != following])]
+        return [int(part) for part in np.unique(self._part_of_row[trial != following])]
 
     def _new(self, following: Modes) -> Modes:
         """Return the modes to try next: those that follow, unless they have been tried before.
@@ -101,7 +101,7 @@ class Search:
         if (since := self._place(following)) is None:
             return following
         turns, first = np.array(self._tried[since:]), self._tried[0]
-        parts = list(enumerate(self._parts))
+        parts = list(enumerate(self._rows_of))
         circling = [part for part, own in parts if (turns[:, own] != following[own]).any()]
         circling = circling or list(range(len(parts)))
         start = self._reset(following, first, circling)
@@ -125,7 +125,7 @@ class Search:
         """Return the modes of a trial, with those of the `first` one in some parts."""
         found = trial.copy()
         for part in parts:
-            found[self._parts[part]] = first[self._parts[part]]
+            found[self._rows_of[part]] = first[self._rows_of[part]]
         return found
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
@@ -173,7 +173,7 @@ class Search:
             return again
         if not violated.any():
             return None
-        part, following = self._part[guards.row], trial.copy()
+        part, following = self._part_of_row[guards.row], trial.copy()
         over = (violated & ~guards.is_velocity).nonzero()[0]
         slow = (violated & guards.is_velocity).nonzero()[0]
         slow = slow[~np.isin(part[slow], part[over])]
@@ -190,7 +190,7 @@ class Search:
         torn: dict[int, tuple[Indices, Array]] = {}
         for rows, side in collapse(motion, guards):
             # one loop of a part after another
-            torn.setdefault(int(self._part[rows[0]]), (rows, side))
+            torn.setdefault(int(self._part_of_row[rows[0]]), (rows, side))
         for rows, side in torn.values():
             self._release(following, motion, rows, side)
         over = over[~np.isin(part[over], list(torn))]
@@ -203,7 +203,7 @@ class Search:
         if spared.any():
             # other rows can carry what is beyond the level of these
             following[rows[spared]] = _carrying(side[spared])
-            others = ~np.isin(self._part[rows], self._part[rows[spared]])
+            others = ~np.isin(self._part_of_row[rows], self._part_of_row[rows[spared]])
             rows, side = rows[others], side[others]
         if rows.size:
             self._release(following, motion, rows, side)
@@ -238,9 +238,9 @@ class Search:
         """
         if rows.size == 1:
             return np.ones(1, dtype=bool)
-        equations, number = motion.equations, self._part[rows]
+        equations, number = motion.equations, self._part_of_row[rows]
         if not (equations.at_level.size or equations.balance.has_loops):
-            number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
+            number = component_numbers(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
         each = np.zeros(number.max() + 1)
         np.maximum.at(each, number, ratio)
         return np.asarray(ratio >= each[number] * (1 - AT_LIMIT))
@@ -253,7 +253,7 @@ class Search:
         """
         system, modes = self._system, motion.equations.modes
         top = motion.equations.at_level
-        top = top[np.isin(self._part[top], self._part[rows])]
+        top = top[np.isin(self._part_of_row[top], self._part_of_row[rows])]
         following[rows] = self._moving(rows, side)
         if not top.size:
             return
@@ -264,8 +264,8 @@ class Search:
         along *= np.where(modes[top] == AT_HIGH, 1.0, -1.0)
         # a row that others hold does not move along, but for roundoff
         rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given))
-        for part in np.unique(self._part[top]).tolist():
-            own, mine = self._part[top] == part, self._part[rows] == part
+        for part in np.unique(self._part_of_row[top]).tolist():
+            own, mine = self._part_of_row[top] == part, self._part_of_row[rows] == part
             least = max(_ALONG * np.abs(along[own]).max(), rough[own].max())
             goes, against = top[own & (along > least)], bool((along[own] < -least).any())
             following[top[own]] = 0
@@ -275,7 +275,7 @@ class Search:
                 spared = mine.nonzero()[0]
                 spared = spared[equations_in(following, system, self._regions).locked(rows[spared])]
                 following[rows[spared]] = _carrying(side[spared])
-                rows_of_part = self._parts[part]
+                rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
                     continue
             following[goes] = self._moving(goes, np.where(modes[goes] == AT_HIGH, 1, -1))
@@ -310,8 +310,8 @@ class Search:
         rest = motion.equations.is_held.copy()
         rest[rows] = False
         others = system.balance(rest)
-        count = [np.bincount(self._part_of[b.dependent], minlength=len(self._parts)) for b in (balance, others)]
-        part = self._part[rows]
+        count = [np.bincount(self._part_of_body[b.dependent], minlength=len(self._rows_of)) for b in (balance, others)]
+        part = self._part_of_row[rows]
         torn = part[self._torn(motion, others, rows)]
         return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
 
@@ -348,7 +348,7 @@ class Search:
         """
         motion, guards, found = *self._build(trial), trial.copy()
         for part in parts:
-            own = share(motion, guards, self._part == part)
+            own = share(motion, guards, self._part_of_row == part)
             if own is not None:
                 found[own.rows] = _carrying(own.side) if own.holds else self._moving(own.rows, own.side)
         return found
@@ -360,7 +360,7 @@ class Search:
         """
         motion, guards, found = *self._build(trial), trial.copy()
         for part in parts:
-            rows, accelerations = least_constraint(motion, guards, self._part == part)
+            rows, accelerations = least_constraint(motion, guards, self._part_of_row == part)
             found[rows] = np.where(accelerations == 0, 0, self._moving(rows, accelerations))
         return found
 
@@ -381,7 +381,7 @@ class Search:
                 return again
             moves = _moves(trial, following)
             for part in self._changed(trial, following):
-                own = self._parts[part]
+                own = self._rows_of[part]
                 key = part, following[own].tobytes()
                 if part in others or moves[own].any() or key in seen:
                     found = next(others.setdefault(part, self._without(motion, staying, part)), None)
@@ -393,7 +393,7 @@ class Search:
 
     def _without(self, motion: Motion, staying: Indices, part: int) -> Iterator[Modes]:
         """Yield modes of a part whose rows that stay at rest cannot all be held: shared, then those of the motion."""
-        modes, own = motion.equations.modes, self._parts[part]
+        modes, own = motion.equations.modes, self._rows_of[part]
         trial = modes.copy()
         trial[staying] = trial[motion.equations.at_level] = 0
         shared = self._shared(trial, [part])
@@ -409,7 +409,7 @@ class Search:
                 return None
             for found in self._combinations(rows, trial):
                 guards = self._build(found)[1]
-                if not guards.violated[self._part[guards.row] == part].any():
+                if not guards.violated[self._part_of_row[guards.row] == part].any():
                     trial = found
                     break
             else:
@@ -418,7 +418,7 @@ class Search:
 
     def _candidates_of(self, parts: list[int]) -> Indices:
         """Return the rows of some parts that may be held, but for ties."""
-        may_be_held: Mask = self._candidates & ~self._system.is_tie & np.isin(self._part, parts)
+        may_be_held: Mask = self._candidates & ~self._system.is_tie & np.isin(self._part_of_row, parts)
         return may_be_held.nonzero()[0]
 
     def _combinations(self, rows: Indices, trial: Modes) -> Iterator[Modes]:

@@ -65,8 +65,8 @@ def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, large
     return np.where(changes, np.where(closed, last.labels, OPEN), modes).astype(np.int8)
 
 
-def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, others: Mask | bool = False) -> bool:
-    """Tell whether a row that moves, or one of the `others`, is at rest at the end of a motion, but for roundoff.
+def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, changes: Mask | bool = False) -> bool:
+    """Tell whether a row that moves, or one of the `changes`, is at rest at the end of a motion, but for roundoff.
 
     `q` are the inputs from there on.
     """
@@ -76,7 +76,7 @@ def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, o
     if (is_open & (last.labels == 0)).any():
         # an open row that shows STUCK is at rest: its velocity is roundoff of its forces, however fast others are
         return True
-    moves = (np.abs(modes) == 1) | is_open | others
+    moves = (np.abs(modes) == 1) | is_open | changes
     w, rough = _relative(motion.system, motion.segment, y, largest, t, q)
     if last.guards.velocity_uncertainty is not None:
         rough = np.maximum(rough, last.guards.velocity_uncertainty)
@@ -245,7 +245,7 @@ def _settled(
     velocity_uncertainty = uncertainty.velocity_uncertainty
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
-        closed &= ~system.is_stop | at_stop
+        closed = closed & (~system.is_stop | at_stop)
     straight = [state for j, state in system.bristle_state.items() if not closed[j]]
     if straight:
         # bristles that nothing presses straighten at once

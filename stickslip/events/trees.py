@@ -39,7 +39,7 @@ class TreeModes(NamedTuple):
     """The modes in which a tree goes on."""
 
     mode: Modes  # (h,): of the rows of the tree
-    label: Indices  # (k,): bodies with the same number stay together
+    group: Indices  # (k,): bodies with the same number stay together
 
 
 def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
@@ -58,16 +58,16 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
     beyond = np.searchsorted(at, forest.last[child], side="right")
     above = np.where(parent >= 0, np.searchsorted(at, forest.first[np.maximum(parent, 0)]), -1)
     force = tree.force.copy()
-    label = np.zeros(tree.bodies.size, dtype=np.intp)
+    group = np.zeros(tree.bodies.size, dtype=np.intp)
     if side:
         _release(tree, forest, mode, force, 0, side, place, above)
     for _ in range(rows.size + 1):
-        label, a = _move(tree, mode, force, place, beyond, parent)
+        group, a = _move(tree, mode, force, place, beyond, parent)
         held = (mode == 0).nonzero()[0]
         if not held.size:
             break
         rest = force - tree.inertia * a
-        shares = _shares(forest, rows, held, rest, label, place, beyond)
+        shares = _shares(forest, rows, held, rest, group, place, beyond)
         level = np.where(shares > 0, tree.upper[held], tree.lower[held])
         if (level <= 0).any():
             return None
@@ -86,7 +86,7 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
         level = np.maximum(tree.upper[moving], tree.lower[moving])
         if (apart <= _MOVES * level / tree.inertia.sum()).any():
             return None
-    return TreeModes(mode, label)
+    return TreeModes(mode, group)
 
 
 def _settle_one(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
@@ -132,27 +132,27 @@ def _move(
     tree: Tree, mode: Modes, force: Array, place: Indices, beyond: Indices, parent: Indices
 ) -> tuple[Indices, Array]:
     """Return which bodies stay together, and the accelerations of all."""
-    label = np.zeros(tree.bodies.size, dtype=np.intp)
+    group = np.zeros(tree.bodies.size, dtype=np.intp)
     cuts = mode.nonzero()[0]
     for k in cuts[np.argsort(place[cuts])].tolist():
-        label[place[k] : beyond[k]] = place[k] + 1
-    total, inertia = np.bincount(label, force), np.bincount(label, tree.inertia)
+        group[place[k] : beyond[k]] = place[k] + 1
+    total, inertia = np.bincount(group, force), np.bincount(group, tree.inertia)
     a = total / np.where(inertia > 0, inertia, 1.0)
     if tree.lead is not None:
         for k in ((mode == 0) & (parent < 0)).nonzero()[0].tolist():
-            a[label[place[k]]] = tree.lead
-    return label, a[label]
+            a[group[place[k]]] = tree.lead
+    return group, a[group]
 
 
 def _shares(
-    forest: Forest, rows: Indices, held: Indices, rest: Array, label: Indices, place: Indices, beyond: Indices
+    forest: Forest, rows: Indices, held: Indices, rest: Array, group: Indices, place: Indices, beyond: Indices
 ) -> Array:
     """Return the forces of held rows: sums of the forces on their far sides that accelerate no body, the `rest`."""
     found = np.empty(held.size)
-    own = label[place[held]]
+    own = group[place[held]]
     for one in np.unique(own).tolist():
         some = (own == one).nonzero()[0]
-        sums = np.concatenate([[0.0], np.cumsum(np.where(label == one, rest, 0.0))])
+        sums = np.concatenate([[0.0], np.cumsum(np.where(group == one, rest, 0.0))])
         k = held[some]
         found[some] = forest.sign[rows[k]] * (sums[beyond[k]] - sums[place[k]])
     return found

@@ -22,7 +22,7 @@ from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6  # looking for zeros in this many periods takes half a minute
-_FASTEST = 1e100  # largest frequency in 1/s whose powers and products do not overflow
+_HIGHEST_FREQUENCY = 1e100  # largest frequency in 1/s whose powers and products do not overflow
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
 # The method of a load that answers where a number or an array of NumPy stands on the left.
@@ -333,8 +333,8 @@ class Sine(Signal):
 
     def checked(self) -> Self:
         """Return the sine; refuse a frequency whose powers would overflow."""
-        if abs(self.frequency) > _FASTEST:
-            raise ValueError(f"sine: frequency must be at most {_FASTEST:g} in size, got {self.frequency:g}")
+        if abs(self.frequency) > _HIGHEST_FREQUENCY:
+            raise ValueError(f"sine: frequency must be at most {_HIGHEST_FREQUENCY:g} in size, got {self.frequency:g}")
         return self
 
     def _angle(self, t: float) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.algebra.matrices import dense
-from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
 from stickslip.equations.guards.values import AT_BAND
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
 from stickslip.equations.system import System
@@ -137,7 +137,7 @@ def on_stops(system: System, y: Array, modes: Modes, farthest: Array) -> Array:
     places = found[system.n : system.first_bristle]
     places += np.linalg.lstsq(lines, change, rcond=None)[0]
     members = lines != 0
-    rough = STRETCH_ROUNDOFF * np.where(members, farthest[system.placed], 0.0).max(axis=1)
+    rough = FINEST_ROUNDOFF * np.where(members, farthest[system.placed], 0.0).max(axis=1)
     at_0 = (limits == 0) & (np.where(members, np.abs(places), 0.0).max(axis=1) <= rough)
     places[members[at_0].any(axis=0)] = 0.0
     return found

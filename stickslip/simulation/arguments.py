@@ -64,7 +64,7 @@ def between(name: str, value: float, low: float, high: float, what: str = "simul
     return number
 
 
-def longest_step(max_step: float, whole: float) -> float:
+def checked_max_step(max_step: float, whole: float) -> float:
     """Return the longest step of a run of so many seconds; it may be infinite."""
     if isinstance(max_step, float) and max_step == math.inf:
         return math.inf

@@ -34,13 +34,13 @@ class Borders:
         assert system.dependence is not None
         self._system, self._loads, self._dependence = system, loads, system.dependence
         # for each table the largest size so far of what it is looked up at: later values have its roundoff
-        self._sizes = system.dependence.sizes_looked_up(scale, loads.size)
+        self._sizes = system.dependence.argument_majorants_of_states(scale, loads.size)
 
     def place(self, now: Situation) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
         y, q = now.y, inputs_before(self._system, self._loads.after(now.t), now)
         regions = self._loads.table_regions
-        self._sizes = np.maximum(self._sizes, self._dependence.adds_up(q, y))
+        self._sizes = np.maximum(self._sizes, self._dependence.argument_majorants(q, y))
         found = []
         for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
             region = self._dependence.region(k, x) if regions is None else regions[k]
@@ -113,7 +113,7 @@ class Borders:
         steps = np.diff(path.taus)
         for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
             part = dependence.arguments[number]
-            value = path.coefficients[:, :, part.columns] @ part.S[0]
+            value = path.coefficients[:, :, part.states] @ part.S[0]
             drift = float(part.P[0] @ segment.slope[part.places])
             since = motion.t - segment.start + path.taus[:-1]
             first = value[:, 0] + part.P[0] @ segment.value[part.places] + drift * since
@@ -133,12 +133,12 @@ class Borders:
         def depth(tau: float) -> float:
             return side * (border - float(self._values(motion, path, np.array([tau]))[k, 0]))
 
-        told = False
+        sign_known = False
         for row, (start, stop) in zip(depths, pairwise(path.taus.tolist()), strict=True):
-            for tau, sign in signs_along(start, stop, row, depth, noise if told else rough, noise):
+            for tau, sign in signs_along(start, stop, row, depth, noise if sign_known else rough, noise):
                 if sign < 0:
                     return tau
-                told = True
+                sign_known = True
         return math.inf
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> Array:

@@ -118,7 +118,7 @@ class Local:
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size
         moving, held = np.abs(parts.mode) == 1, parts.mode == 0
-        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(roots.bounds[:, held]))
+        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(roots.level_signs[:, held]))
         self._seen = motion.t
         self._begin(motion.t)
         started = guards.row[(guards.order == 1) & guards.is_velocity]
@@ -139,14 +139,14 @@ class Local:
         while not self._interruption.pressed:
             j = int(due.argmin()) if due.size else 0
             t = float(due[j]) if due.size else parts.stop
-            if t >= parts.end:
-                if self._stops_until(parts.end):
+            if t >= parts.series_end:
+                if self._stops_until(parts.series_end):
                     return self._ending(self._seen, _NONE, False)
-                if parts.end >= parts.stop:
+                if parts.series_end >= parts.stop:
                     return self._ending(parts.stop, _NONE, False)
-                self._renew(parts.end)
+                self._renew(parts.series_end)
                 if self._bad.size or self._opened.size:
-                    return self._ending(parts.ended, self._bad, self._any_gap(self._bad))
+                    return self._ending(parts.renewed_at, self._bad, self._any_gap(self._bad))
                 continue
             if not is_root[j]:
                 self._next_roots.refine(j)
@@ -196,12 +196,12 @@ class Local:
     def _renew(self, t: float) -> None:
         """Expand all bodies anew whose series end at `t`."""
         parts, forest = self._parts, self._forest
-        parts.ended = t
+        parts.renewed_at = t
         live = parts.is_bent
-        live[forest.near_row[live[forest.near]]] = True
-        live[forest.child[self._next_roots.is_bounded]] = True
+        live[forest.near_body[live[forest.near]]] = True
+        live[forest.child[self._next_roots.is_live]] = True
         bodies = parts.groups.sharing(live)
-        parts.end = parts.stop
+        parts.series_end = parts.stop
         self._bad = _NONE
         if bodies.size:
             patch = parts.patch(bodies, t)
@@ -223,8 +223,8 @@ class Local:
             self._opened, unclear = self._next_roots.opens_up(rows, t)
             self._enter_rows(self._opened)
         live = parts.live_rows(patch, rows)
-        if parts.end >= parts.stop and parts.bends(patch.bodies):
-            parts.end = min(parts.stop, t + parts.unit)
+        if parts.series_end >= parts.stop and parts.bends(patch.bodies):
+            parts.series_end = min(parts.stop, t + parts.unit)
         self._bad = self._next_roots.look(rows, t, live)
         if unclear.size:
             self._bad = np.concatenate([self._bad, unclear])
@@ -292,7 +292,7 @@ class Local:
                 break
         else:
             self._bad = rows
-        self._most_guards()
+        self._count_guards()
         changed = (parts.label[gaps] != before).nonzero()[0]
         noted = [(j, 0, "open") for j in opened]
         for j, was in zip(gaps[changed].tolist(), before[changed].tolist(), strict=True):
@@ -364,7 +364,7 @@ class Local:
         self._held += are.count(0) - were.count(0)
         self._armed += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
-        self._most_guards()
+        self._count_guards()
         noted = [(j, a, b, cause_of(a, b, j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
         for event in sorted(noted):
@@ -372,13 +372,13 @@ class Local:
         if self._next_roots.at_once.size and not self._bad.size:
             self._go_beyond(self._next_roots.at_once, t)
 
-    def _most_guards(self) -> None:
+    def _count_guards(self) -> None:
         self.most_guards = max(self.most_guards, self._armed + self._next_roots.borders)
 
     def _regroup(self, tree: Tree, outcome: TreeModes, groups: list[int]) -> None:
         """Form the groups that go on together."""
         parts, forest = self._parts, self._forest
-        rows, mode, label = tree.rows, outcome.mode, outcome.label
+        rows, mode, group = tree.rows, outcome.mode, outcome.group
         for g in groups:
             parts.groups.part(g)
         if tree.bodies.size == 1:
@@ -386,9 +386,9 @@ class Local:
             parts.groups.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED)
             return
         place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
-        for one in np.unique(label).tolist():
-            bodies = tree.bodies[label == one]
-            own = rows[(mode == 0) & (label[place] == one)]
+        for one in np.unique(group).tolist():
+            bodies = tree.bodies[group == one]
+            own = rows[(mode == 0) & (group[place] == one)]
             led = own[forest.parent[own] < 0]
             lead = int(forest.drive[led[0]]) if led.size else UNLED
             parts.groups.join(bodies, own, lead)
@@ -402,7 +402,7 @@ class Local:
         self._last = t
         self._patches.tick(t, False)
         rows = np.arange(self._forest.m)
-        self._patches.rows(rows, parts.row_origin.copy(), self._inner(rows), self._told(rows), np.zeros((rows.size, 0)))
+        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._since(rows), np.zeros((rows.size, 0)))
 
     def _tick(self, t: float, is_event: bool) -> None:
         parts = self._parts
@@ -425,7 +425,7 @@ class Local:
 
     def _enter_rows(self, rows: NDArray[Any]) -> None:
         parts = self._parts
-        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._told(rows), parts.watched[rows])
+        self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._since(rows), parts.watched[rows])
 
     def _inner(self, rows: NDArray[Any]) -> Modes:
         """Return the modes of rows as results have them: open ones with what they show."""
@@ -435,7 +435,7 @@ class Local:
             mode = np.where(parts.at_level[rows] != 0, parts.at_level[rows], mode)
         return packed(mode, parts.label[rows]) if parts.opens else mode
 
-    def _told(self, rows: Indices) -> Array:
+    def _since(self, rows: Indices) -> Array:
         """Return since when contacts rest, and in which regions gaps are."""
         parts, elastic = self._parts, self._parts.elastic
         found = parts.since[rows]

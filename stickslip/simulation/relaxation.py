@@ -10,7 +10,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.model.laws.lugre import FASTEST, NEARLY_OPEN
+from stickslip.model.laws.lugre import MAX_RATE, NEARLY_OPEN
 
 _RESTS = 1e-8  # part of the fastest velocity of a contact below which it is at rest
 # A normal force counts as rising from 0 if it is smaller than this part of its rise in the time ahead.
@@ -20,7 +20,7 @@ _TOO_MUCH = 1e-4  # part of the impulse of its level by which a bristle's impuls
 
 
 class Relaxation:
-    """Adds up how much more friction bristles have had than their level, because they relax no faster than `FASTEST`.
+    """Adds up how much more friction bristles have had than their level, because they relax no faster than `MAX_RATE`.
 
     It also refuses normal forces that depend on the state and come back from nearly 0 while the contact slides: its
     bristles then become softer by powers of ten within a step, and solvers keep the stiffness before.
@@ -32,7 +32,7 @@ class Relaxation:
         self._pressed = system.pressed[self.rows]
         self._pressing, self._fastest = np.zeros(len(rows)), np.zeros(len(rows))
         stiffness = [system.laws.characters[j].stiffness or 0.0 for j in rows]
-        self._least, self._mu = np.array(stiffness) / FASTEST, system.mu_s[:, rows].max(axis=0, initial=0.0)
+        self._least, self._mu = np.array(stiffness) / MAX_RATE, system.mu_s[:, rows].max(axis=0, initial=0.0)
         self._beyond, self._level = np.zeros(len(rows)), np.zeros(len(rows))
         self._following = [j for j in system.bristle_state if system.pressed[j]]
 
@@ -67,7 +67,7 @@ class Relaxation:
         for k in (self._beyond > _TOO_MUCH * self._level).nonzero()[0].tolist():
             name = self._system.rows[int(self.rows[k])].name
             raise SolverFailure(
-                f"contact {name!r}: its bristles relax faster than {FASTEST:g} /s and cannot be followed: their "
+                f"contact {name!r}: its bristles relax faster than {MAX_RATE:g} /s and cannot be followed: their "
                 "friction is larger than its level",
                 "make the stiffness smaller, or use DryFriction there",
                 path,

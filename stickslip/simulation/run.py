@@ -51,7 +51,7 @@ from stickslip.simulation.local import Ending, Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.relaxation import Relaxation
 from stickslip.simulation.timeline import Timeline
-from stickslip.simulation.tolerances import Reached, Tolerances
+from stickslip.simulation.tolerances import ReachedSizes, Tolerances
 from stickslip.simulation.watching import Failed, Watch
 
 
@@ -82,7 +82,7 @@ class Run:
         # the largest velocity of each body so far, how far each state was from its start, and majorants of the rates
         self._first = system.at_start()
         self._fastest = np.abs(self._first[: system.n])
-        self._moved, self._pushed = np.zeros(system.size), np.zeros(system.size)
+        self._moved, self._rate_majorants = np.zeros(system.size), np.zeros(system.size)
         self.most_guards = self.samples = 0
         self.now: Settled | None = None
         tables = system.dependence is not None and system.dependence.tables
@@ -166,14 +166,14 @@ class Run:
             self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
         if self._wanted.may_hide:
             self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
-            self._pushed = np.maximum(self._pushed, now.motion.rate_magnitudes())
+            self._rate_majorants = np.maximum(self._rate_majorants, now.motion.rate_majorants())
         if self.stopped is not None:
             self.timeline.t = t
             return
         self._go_on(now, path, t, relaxed)
 
     @property
-    def reached(self) -> Reached:
+    def reached(self) -> ReachedSizes:
         """The sizes that the run has reached."""
         system, duration = self.system, self.timeline.duration
         ends = [system.n, system.first_bristle, system.first_block]
@@ -183,14 +183,14 @@ class Run:
         if system.dependence is not None and not system.dependence.is_linear:
             # the majorant of a function is not known
             blocks[:] = 0.0
-        pushed = self._pushed * duration
-        return Reached(
+        changes = self._rate_majorants * duration
+        return ReachedSizes(
             velocities,
             distances,
             bristles,
             blocks,
-            float(pushed[: system.n].max(initial=0.0)),
-            pushed[system.first_block :],
+            float(changes[: system.n].max(initial=0.0)),
+            changes[system.first_block :],
         )
 
     def _path(self, now: Settled) -> tuple[Path, list[int]]:

@@ -28,7 +28,7 @@ from stickslip.simulation.choice import choose, why_stiff
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Run
-from stickslip.simulation.tolerances import Reached, tolerances
+from stickslip.simulation.tolerances import ReachedSizes, tolerances
 from stickslip.simulation.watching import Watch
 
 _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
@@ -113,7 +113,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.choice("method", method, _METHODS)
     rtol = arguments.between("rtol", rtol, 1e-14, 0.1)
     atol = arguments.between("atol", atol, 0.0, math.inf)
-    max_step = arguments.longest_step(max_step, stop - start)
+    max_step = arguments.checked_max_step(max_step, stop - start)
     margin = arguments.margin(velocity_margin)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step, stop - start)
@@ -131,7 +131,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     by_default = (method, name) == ("auto", "BDF") and not merged
     exact_at_rest = by_default and not why_stiff(system, stop - start)
 
-    def run(loads: Loads, reached: Reached | None) -> tuple[Result, Reached | None]:
+    def run(loads: Loads, reached: ReachedSizes | None) -> tuple[Result, ReachedSizes | None]:
         """Return a run with tolerances fit for the sizes that an earlier run reached.
 
         With it the sizes that it has reached itself, None unless its tolerances hide its motion.
@@ -280,8 +280,8 @@ class _Simulation:
             labels = run.now.labels.tolist()
             modes = {row.name: Mode(k) for row, k in zip(run.system.rows, labels, strict=True)}
         listed = ", ".join(f"{name} {mode.name}" for name, mode in list(modes.items())[:10])
-        told = f"; modes: {listed or 'not settled yet'}" if run.system.rows else ""
-        text = f"at t = {t:.9g} s: {message}{told}; {remedy}"
+        shown = f"; modes: {listed or 'not settled yet'}" if run.system.rows else ""
+        text = f"at t = {t:.9g} s: {message}{shown}; {remedy}"
         return SimulationError(text, t, modes, self._result(text, -1))
 
     def _result(self, message: str, status: int) -> Result:

@@ -7,7 +7,7 @@ from collections import deque
 from stickslip.equations.system import System
 
 _WITHOUT_PROGRESS = 100
-_HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
+_EVENTS_BETWEEN_LOOKS, _EVENTS_AT_MOST = 500, 1e9
 
 
 class Timeline:
@@ -26,7 +26,7 @@ class Timeline:
         self.start, self.stop, self.t = start, stop, start
         self.restarts = 0
         # restarts without progress, events since the last look at the time, that time, and the rows that changed last
-        self._standing = self._hits = 0
+        self._standing = self._events = 0
         self._looked_at = start
         self._recent: deque[int] = deque(maxlen=20)
 
@@ -55,7 +55,7 @@ class Timeline:
         self.go_to(t, not self._system.piecewise.count)
         self.restarts += 1
 
-    def go_to(self, t: float, hit: bool) -> None:
+    def go_to(self, t: float, is_event: bool) -> None:
         """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
         whole = self.duration
         stands = t - self.t <= 1e-14 * whole
@@ -63,11 +63,11 @@ class Timeline:
         self._standing = self._standing + 1 if stands else 0
         if self._standing > _WITHOUT_PROGRESS + 10 * self._system.m:
             raise ArithmeticError(f"modes flip without progress in time: contacts {self._names()}")
-        self._hits += hit
-        if self._hits >= _HITS_BETWEEN_LOOKS * max(self._system.m, 1):
-            if (t - self._looked_at) * _HITS_AT_MOST < self._hits * whole:
+        self._events += is_event
+        if self._events >= _EVENTS_BETWEEN_LOOKS * max(self._system.m, 1):
+            if (t - self._looked_at) * _EVENTS_AT_MOST < self._events * whole:
                 raise ArithmeticError(f"modes flip with hardly any progress in time: contacts {self._names()}")
-            self._hits, self._looked_at = 0, t
+            self._events, self._looked_at = 0, t
 
     def _names(self) -> str:
         system = self._system

@@ -50,17 +50,17 @@ _REBOUND = 1e-11  # part of the scene's velocities below which stops do not rebo
 
 
 @dataclass(frozen=True)
-class Reached:
+class ReachedSizes:
     """The sizes that a run has reached."""
 
-    velocities: Array  # (n,): largest change of each body's velocity since the start in m/s or rad/s
+    velocity_changes: Array  # (n,): largest change of each body's velocity since the start in m/s or rad/s
     distances: Array  # for each position among the states: how far it was from its start in m or rad
-    bristles: Array  # (b,): largest change of each deflection since the start in m or rad
+    bristle_changes: Array  # (b,): largest change of each deflection since the start in m or rad
     # bounds of the states of blocks; 0 for those that have not changed, that a solver does not integrate, or whose
     # roundoff is not known
     blocks: Array
-    pushed: float  # largest majorant of an acceleration, times the time span, in m/s or rad/s
-    fed: Array  # majorants of the rates of the states of blocks, times the time span
+    velocity_majorant: float  # largest majorant of an acceleration, times the time span, in m/s or rad/s
+    block_majorants: Array  # majorants of the rates of the states of blocks, times the time span
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Tolerances:
     atol: Array  # (size,): for each state
     # (m,): relative velocities in m/s or rad/s below which contacts may be found to have relaxed to rest
     margin: Array
-    is_given: bool  # whether the user gave that margin; then stops do not rebound below it, either
+    margin_is_given: bool  # whether the user gave that margin; then stops do not rebound below it, either
     velocity_resolution: Array  # (m,): relative velocities in m/s or rad/s that the tolerances do not resolve
     force_uncertainty: float  # part of the forces that is uncertain
     speed: float  # velocity scale in m/s or rad/s
@@ -94,18 +94,18 @@ class Tolerances:
         """Whether tolerances may hide what a run does: if a velocity scale follows from loads only, or with blocks."""
         return self.has_errors and (bool(self.guessed.any()) or self.atol.size > self.system.first_block)
 
-    def hide(self, reached: Reached) -> bool:
+    def hide(self, reached: ReachedSizes) -> bool:
         """Tell whether a run was so much slower than its loads suggest that the tolerances hide it.
 
         Either the absolute tolerance hides how bodies move, or how states of blocks change, or errors may add up to a
         large part of a velocity.
         """
         hidden = self.atol[self.system.first_block :] / _HIDDEN_STATE
-        if np.any((_NOISE * reached.fed < reached.blocks) & (reached.blocks < hidden)):
+        if np.any((_NOISE * reached.block_majorants < reached.blocks) & (reached.blocks < hidden)):
             return True
-        velocities, n = reached.velocities, reached.velocities.size
+        velocities, n = reached.velocity_changes, reached.velocity_changes.size
         atol, speed = float(self.atol[:n].max(initial=0.0)), float(velocities.max(initial=0.0))
-        noise = max(_NOISE * max(reached.pushed, self.speed), _SEEN * atol)
+        noise = max(_NOISE * max(reached.velocity_majorant, self.speed), _SEEN * atol)
         if self.guessed.all() and noise < speed < atol / _HIDDEN:
             return True
         slow = self.guessed & (velocities > noise)
@@ -113,7 +113,7 @@ class Tolerances:
 
     def relaxation_margin(self, fastest: Array) -> Array:
         """Return the `margin`, or less: scales that follow from loads only are cut off at the `fastest` velocities."""
-        if self.is_given or not self.guessed.any():
+        if self.margin_is_given or not self.guessed.any():
             return self.margin
         return row_maxima(self.system.abs_G * self._errors(self._so_far(fastest)))
 
@@ -122,7 +122,7 @@ class Tolerances:
 
         An exact engine knows velocities to roundoff: even small rebounds are real.
         """
-        if self.is_given or self.has_errors:
+        if self.margin_is_given or self.has_errors:
             return self.relaxation_margin(fastest)
         return row_maxima(self.system.abs_G * (_REBOUND * self._so_far(fastest)))
 
@@ -161,7 +161,7 @@ def tolerances(
     margin: float | None,
     method: Method,
     is_exact: bool,
-    reached: Reached | None = None,
+    reached: ReachedSizes | None = None,
 ) -> Tolerances:
     """Return tolerances fit for the scene: never looser than asked for.
 
@@ -173,10 +173,10 @@ def tolerances(
     """
     speed, frequency, is_guess = _speed(system, start, stop)
     if reached is not None and is_guess:
-        speed = float(reached.velocities.max(initial=0.0))
+        speed = float(reached.velocity_changes.max(initial=0.0))
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
-    resolution, noise = method.resolution, 0.0 if reached is None else _ROUNDOFF * reached.pushed
+    resolution, noise = method.resolution, 0.0 if reached is None else _ROUNDOFF * reached.velocity_majorant
     if speed > 0:
         atol = min(atol, max(rtol * speed, noise))
         if resolution * (rtol * speed + atol) > finest:
@@ -187,7 +187,7 @@ def tolerances(
     has_errors = not (is_exact or method.takes_steps)
     speeds, guessed = _speeds(system, start, stop, speed, is_guess)
     if reached is not None:
-        speeds = np.where(guessed, system.transmission.handed_on(reached.velocities), speeds)
+        speeds = np.where(guessed, system.transmission.handed_on(reached.velocity_changes), speeds)
         guessed = np.zeros(system.n, dtype=bool)
     each = np.full(system.size, atol)
     each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
@@ -204,8 +204,8 @@ def tolerances(
         if force > 0:
             each[state] = min(atol, _BRISTLE * force / stiffness)
     if reached is not None:
-        blocks = np.maximum(rtol * reached.blocks, _ROUNDOFF * reached.fed) * (reached.blocks > 0)
-        own = np.concatenate([rtol * reached.distances, rtol * reached.bristles, blocks])
+        blocks = np.maximum(rtol * reached.blocks, _ROUNDOFF * reached.block_majorants) * (reached.blocks > 0)
+        own = np.concatenate([rtol * reached.distances, rtol * reached.bristle_changes, blocks])
         # a state that has not moved gives no scale
         each[system.n :] = np.where(own > 0, np.minimum(each[system.n :], own), each[system.n :])
     errors, levers = rtol * speeds + each[: system.n], system.abs_G

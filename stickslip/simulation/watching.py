@@ -76,7 +76,7 @@ class Watch:
         gained = np.zeros(self._system.size)
         if path.taus.size > 1:
             n = self._system.n
-            gained[:n] = motion.rate_magnitudes()[:n] * np.diff(path.taus).max()
+            gained[:n] = motion.rate_majorants()[:n] * np.diff(path.taus).max()
         return self._between(path.taus, lambda taus: self._values(motion, path, taus, gained))
 
     @property
@@ -100,8 +100,8 @@ class Watch:
             else:
                 q = np.zeros((system.inputs, t.size))
                 q[-1] = 1.0
-            sizes += gained[:, None]
-            return system.observed_values(q, y, (at_start[: system.inputs, None], sizes), t, since, motion.friction_of)
+            majorants = at_start[: system.inputs, None], sizes + gained[:, None]
+            return system.observed_values(q, y, majorants, t, since, motion.friction_of)
 
         return self._between(np.array([0.0, end - begin]), values)
 
@@ -109,9 +109,9 @@ class Watch:
         """Return the events between the `ends` of steps; in these the quantities are smooth."""
         found: list[Crossing] = []
         try:
-            edges, at_nodes, sizes = self._parts(ends, values)
+            edges, at_nodes, majorants = self._at_nodes(ends, values)
             for k in range(len(self._events)) if edges.size > 1 else ():
-                size = float(sizes[k].max(initial=0.0))
+                size = float(majorants[k].max(initial=0.0))
                 found += self._of_event(k, edges, at_nodes[k], size, _one(values, k))
         except (ArithmeticError, ValueError) as fault:
             raise Failed(fault, _last_known(values, float(ends[-1]))) from fault
@@ -163,7 +163,7 @@ class Watch:
         self._signs[k], self._died[k] = sign, at_0[-1]
         return found
 
-    def _parts(self, ends: Array, values_at: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array, Array]:
+    def _at_nodes(self, ends: Array, values_at: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array, Array]:
         """Return the ends of parts of steps, the quantities in each at Chebyshev points, and their majorants.
 
         Steps are halved in which a quantity is not the polynomial through these values, unless it is far from 0.
@@ -174,23 +174,23 @@ class Watch:
         done: list[tuple[Array, Array, Array]] = []
         for count in range(_HALVINGS + 1):
             taus = left[:, None] + length[:, None] * nodes
-            values, sizes = values_at(taus.ravel())
-            values, sizes = (one.reshape(len(self._events), *taus.shape) for one in (values, sizes))
-            done.append((left, values, sizes))
+            values, majorants = values_at(taus.ravel())
+            values, majorants = (one.reshape(len(self._events), *taus.shape) for one in (values, majorants))
+            done.append((left, values, majorants))
             c = np.abs(values @ to_series.T)
             varies = c[:, :, 1:].sum(axis=2)
-            rough = c[:, :, -_LAST:].max(axis=2) > _RESOLVED * varies + ROUGH * sizes.max(axis=2)
+            rough = c[:, :, -_LAST:].max(axis=2) > _RESOLVED * varies + ROUGH * majorants.max(axis=2)
             halved = (rough & (c[:, :, 0] <= _FAR * varies)).any(axis=0)
             if count == _HALVINGS or not 0 < halved.sum() <= _AT_MOST:
                 break
-            done[-1] = left[~halved], values[:, ~halved], sizes[:, ~halved]
+            done[-1] = left[~halved], values[:, ~halved], majorants[:, ~halved]
             length = np.repeat(0.5 * length[halved], 2)
             left = np.repeat(left[halved], 2)
             left[1::2] += length[1::2]
         starts = np.concatenate([one[0] for one in done])
         order = np.argsort(starts)
-        values, sizes = (np.concatenate([one[k] for one in done], axis=1)[:, order] for k in (1, 2))
-        return np.append(starts[order], edges[-1]), values, sizes
+        values, majorants = (np.concatenate([one[k] for one in done], axis=1)[:, order] for k in (1, 2))
+        return np.append(starts[order], edges[-1]), values, majorants
 
     def _values(self, motion: Motion, path: Path, taus: Array, gained: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and their majorants.
@@ -199,8 +199,8 @@ class Watch:
         """
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
-        sizes = np.zeros(1), np.abs(y) + gained[:, None]
-        return self._system.observed_values(q, y, sizes, motion.t + taus, taus, motion.friction_of)
+        majorants = np.zeros(1), np.abs(y) + gained[:, None]
+        return self._system.observed_values(q, y, majorants, motion.t + taus, taus, motion.friction_of)
 
 
 def _last_known(values: Callable[[Array], tuple[Array, Array]], end: float) -> float:

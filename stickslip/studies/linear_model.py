@@ -250,7 +250,7 @@ def _check_corners(motion: Motion) -> None:
                         "model for each side; start the scene a little beside it"
                     )
     if dependence is not None:
-        sizes = dependence.normal_sizes(np.abs(q), motion.sizes)[: system.m]
+        sizes = dependence.normal_majorants(np.abs(q), motion.state_majorants)[: system.m]
         zero = system.pressed & (np.abs(q[: system.m]) <= _AT_CORNER * sizes)
         if zero.any():
             # a normal force that stays 0 near by, as that of an open gap, has no corner there
@@ -264,7 +264,7 @@ def _check_corners(motion: Motion) -> None:
     if not functions.count:
         return
     depth = (functions.border_y @ motion.y + functions.border_q @ q)[equations.borders]
-    size = equations.border_magnitudes(motion.sizes, np.abs(q))
+    size = equations.border_majorants(motion.state_majorants, np.abs(q))
     for i in (np.abs(depth) <= _AT_CORNER * size).nonzero()[0].tolist():
         label = functions.labels[functions.owner[equations.borders[i]]]
         raise ValueError(

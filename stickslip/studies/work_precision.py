@@ -140,8 +140,8 @@ class WorkPrecision:
 def best_row(table: WorkPrecision, error: float | None, time: float | None, caller: str, kind: str) -> WorkRow:
     """Return the cheapest row within an error, or the most accurate row within a time.
 
-    Errors begin with the name of the `caller`, and call what a row measured by its `kind`: the user may add setups, but no
-    calls.
+    Errors begin with the name of the `caller`, and call what a row measured by its `kind`. The user may add setups, but
+    no calls.
     """
     front = table.pareto()
     for name, value in (("error", error), ("time", time)):

@@ -252,7 +252,7 @@ def chain(in_pairs: bool) -> Scene:
 def test_in_a_long_chain_what_is_far_goes_on(monkeypatch: pytest.MonkeyPatch, in_pairs: bool, many: int) -> None:
     """Patches are smaller than the chain; their matrices are sparse from 4 bodies on, or dense."""
     scene = chain(in_pairs)
-    monkeypatch.setattr(parts, "_MANY", many)
+    monkeypatch.setattr(parts, "_DENSE_LIMIT", many)
     assert Forest(System(scene), math.inf).hops < 16
     local, _ = both(scene, 2.0)
     assert len(local.events) > 20

@@ -419,8 +419,8 @@ def test_many_columns_of_forces_at_once(case: Case) -> None:
 
 @settings(deadline=None, max_examples=50)
 @given(cases())
-def test_magnitudes_bound_what_they_are_for(case: Case) -> None:
-    """They are what adds up: never less than what comes of it."""
+def test_majorants_bound_what_they_are_for(case: Case) -> None:
+    """They are majorants: never less than what comes of it."""
     if not well_posed(case):
         return
     F = np.array(case.forces)
@@ -429,7 +429,7 @@ def test_magnitudes_bound_what_they_are_for(case: Case) -> None:
         drives = np.linspace(-3.0, 2.0, found.U.shape[1])
         acceleration = found.accelerations(F, drives)
         slack = 1e-9 * (1 + np.abs(F).max())
-        sizes = found.magnitudes(np.abs(F), np.abs(drives))
+        sizes = found.majorants(np.abs(F), np.abs(drives))
         assert np.all(sizes[0] >= np.abs(acceleration) - slack)
         assert np.all(sizes[1] >= np.abs(found.held_forces(F, acceleration, drives)) - slack)
 

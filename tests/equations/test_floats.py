@@ -77,7 +77,7 @@ def test_rates_and_guards_in_floats_are_those_in_arrays(law: DryFriction, modes:
         motion.in_floats(tau, y, found)
         np.testing.assert_allclose(found, motion.rate(tau, y), rtol=1e-13, atol=1e-13)
         assert guards.in_floats is not None
-        low = guards.values(tau, y, late=True).min()
+        low = guards.values(tau, y, with_leeway=True).min()
         assert guards.in_floats(tau, y) == pytest.approx(low, rel=1e-12, abs=1e-12)
 
 
@@ -161,7 +161,7 @@ def test_whatever_moves_it(law: Law, more: list[Element], mode: int) -> None:
                 assert motion.has_left_in_floats(tau, y) == motion.has_left(tau, y)
             if guards.size:
                 assert guards.in_floats is not None
-                low = guards.values(tau, y, late=True).min()
+                low = guards.values(tau, y, with_leeway=True).min()
                 assert guards.in_floats(tau, y) == pytest.approx(low, rel=1e-12, abs=1e-12)
 
 

@@ -177,9 +177,9 @@ def test_series_of_lines_end() -> None:
 
 @settings(deadline=None)
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(2, 12))
-def test_magnitudes_bound_the_coefficients(t: float, order: int) -> None:
+def test_majorants_bound_the_coefficients(t: float, order: int) -> None:
     segment = loads().after(t)
-    for part, size in zip(segment.taylor(t, order), segment.magnitudes(t, order), strict=True):
+    for part, size in zip(segment.taylor(t, order), segment.majorants(t, order), strict=True):
         assert np.all(np.abs(part) <= size * (1 + 1e-12))
 
 
@@ -212,7 +212,7 @@ def test_functions_are_called_within_the_span_only() -> None:
     for t in (0.0, 1.0, 2.0):
         assert np.isfinite(segment.at(t)).all() and np.isfinite(segment.rate(t)).all()
     assert np.isfinite(segment.sampled(np.array([0.0, 2.0]))).all()
-    assert np.isfinite(segment.magnitudes(0.0, 2)).all()
+    assert np.isfinite(segment.majorants(0.0, 2)).all()
     assert called and min(called) >= 0.0 and max(called) <= 2.0
 
 

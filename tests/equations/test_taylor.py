@@ -91,14 +91,14 @@ def test_the_map_is_the_recursion(
 
 @pytest.mark.parametrize("made", [pulled, swung])
 @pytest.mark.parametrize("modes", [[1, -1], [0, 1], [1, 0], [0, 0]])
-def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(made: Callable[[], Scene], modes: list[int]) -> None:
+def test_majorants_of_guards_are_those_of_the_recursion(made: Callable[[], Scene], modes: list[int]) -> None:
     """But for dwells: the product knows how far these are, the recursion takes them as if they had just begun."""
     motion, guards = motion_of(made(), modes)
-    found = motion.guard_magnitudes(guards.rows, 5)
-    expected = np.array([guards.rows.majorants(z, q) for q, z in motion.magnitudes(5)])
+    found = motion.guard_majorants(guards.rows, 5)
+    expected = np.array([guards.rows.majorants(z, q) for q, z in motion.majorants(5)])
     rising = motion.is_rising(0.0)
     assert (found <= expected * (1 + 1e-12)).all() and (rising or (found >= expected * (1 - 1e-12)).all())
-    # nothing is larger than what adds up in it
+    # nothing is larger than its majorant
     series = guards.series(motion.expand(0.0, motion.y, 5))
     assert (np.abs(series) <= found * (1 + 1e-12) + 1e-300).all()
 
@@ -108,11 +108,11 @@ def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(made: Callable[[],
 def test_a_dwell_that_begins_just_now_adds_nothing_in_time(made: Callable[[], Scene], modes: list[int]) -> None:
     """Its age is exact, in the product of small scenes as in the recursion of large ones."""
     motion, guards = motion_of(made(), modes, since=0.3)
-    found = motion.guard_magnitudes(guards.rows, 3, of_time=True)
-    sizes = motion.magnitudes(3, of_time=True)
-    np.testing.assert_allclose(found, [guards.rows.majorants(z, q) for q, z in sizes], rtol=1e-12)
+    found = motion.guard_majorants(guards.rows, 3, no_new_dwells=True)
+    majorants = motion.majorants(3, no_new_dwells=True)
+    np.testing.assert_allclose(found, [guards.rows.majorants(z, q) for q, z in majorants], rtol=1e-12)
     if motion.begins_to_rise:
-        assert (found < motion.guard_magnitudes(guards.rows, 3)).any()
+        assert (found < motion.guard_majorants(guards.rows, 3)).any()
 
 
 def test_an_oscillator_has_the_series_of_the_cosine() -> None:

@@ -408,7 +408,7 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
 
     assert len(simulate(scene(0.11, 0.5), (0.0, 4.0)).events) == 3
     monkeypatch.setattr("stickslip.model.laws.kinetic._STEEPEST", 0.0)
-    monkeypatch.setattr("stickslip.simulation.timeline._HITS_BETWEEN_LOOKS", 100)
+    monkeypatch.setattr("stickslip.simulation.timeline._EVENTS_BETWEEN_LOOKS", 100)
     with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
         # another scene: the first one has its law compiled already
         simulate(scene(0.1, 0.3), (0.0, 20.0))
@@ -600,7 +600,7 @@ LARGE: dict[str, tuple[bool, dict[str, Any], dict[str, float]]] = {
     "series": (True, {"method": "series"}, {}),
     "straight lines": (False, {}, {}),
     "band": (True, {"method": "BDF"}, {"_NARROW": 2.0}),
-    "sparse": (True, {"method": "BDF"}, {"_NARROW": 0.0, "_DENSE_AT_MOST": 0}),
+    "sparse": (True, {"method": "BDF"}, {"_NARROW": 0.0, "_DENSE_UNLESS_BANDED": 0}),
     "multiplier": (True, {"formulation": "multiplier"}, {}),
 }
 

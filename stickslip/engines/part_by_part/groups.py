@@ -53,12 +53,12 @@ class Groups:
         if not inner.size:
             return
         graph = scipy.sparse.coo_array((np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n))
-        label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-        rows = held[np.argsort(label[forest.child[held]], kind="stable")]
-        row_label = label[forest.child[rows]]
-        for own in split_by(label[forest.body_at], forest.body_at):
+        component = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+        rows = held[np.argsort(component[forest.child[held]], kind="stable")]
+        row_component = component[forest.child[rows]]
+        for own in split_by(component[forest.body_at], forest.body_at):
             if own.size > 1:
-                low, high = np.searchsorted(row_label, [label[own[0]], label[own[0]] + 1])
+                low, high = np.searchsorted(row_component, [component[own[0]], component[own[0]] + 1])
                 self.join(own, rows[low:high], UNLED)
 
     def bodies(self, g: int) -> Indices:

@@ -10,7 +10,7 @@ from stickslip.engines.part_by_part.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.algebra.polynomials import powers, shifted
-from stickslip.equations.guards.at_start import ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
 from stickslip.equations.inputs import DWELL_OVER
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.model.arrays import Array, Indices, Mask
@@ -18,10 +18,10 @@ from stickslip.model.arrays import Array, Indices, Mask
 _WORTH = 0.3  # part of a dwell time for which the series of a rising level is followed
 _TERMS_WITH_DWELL = 20
 
-# A derivative above this part of the summed sizes of its terms shows clearly to which side of a border a gap goes.
+# A derivative above this part of its majorant shows clearly to which side of a border a gap goes.
 _CLEAR = 1e-9
 
-# An acceleration above this part of the summed sizes of its terms shows clearly to which side an open row moves.
+# An acceleration above this part of its majorant shows clearly to which side an open row moves.
 _MOVES = 1e-6
 
 _STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
@@ -36,15 +36,15 @@ class NextRoots:
         No guard of a row comes to 0 before this time.
     is_root : array (m,) of bool
         Rows of which a guard comes to 0 at that time.
-    is_bounded : array (m,) of bool
-        Rows whose series hold only until `Parts.end`, and not until `Parts.stop`.
+    is_live : array (m,) of bool
+        Rows whose series hold only until `Parts.series_end`, and not until `Parts.stop`.
     direction : array (m,) of int8
         The side on which a held row is at its limit, or which border of its region a gap is at.
     borders : int
         How many borders gaps may come to; a border at which a gap stays does not count.
     at_once : array of int
         Of the rows that were looked at last, the gaps that go on beyond a border at once.
-    bounds : array (2, m)
+    level_signs : array (2, m)
         For the forward and the backward level: 1 where a held row lets go above it, -1 where the row carries it and is
         held again below it, and 0 where the row has no such level.
     near_rest : array (m,)
@@ -55,30 +55,30 @@ class NextRoots:
         m = parts.forest.m
         self._parts, self._work, self._system = parts, work, parts.system
         self.when = np.full(m, math.inf)
-        self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+        self.is_root, self.is_live = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
         self.direction = np.zeros(m, dtype=np.int8)
         self.at_once = np.empty(0, dtype=np.intp)
         system, label, at_level = self._system, parts.label, parts.at_level
         above, below = system.is_stop & (label > 0), system.is_stop & (label < 0)
-        self.bounds = np.where(system.is_tie, 0, np.ones((2, m), dtype=np.int8))
-        self.bounds[0, system.is_one_way | above | (at_level == AT_LOW)] = 0
-        self.bounds[1, below | (at_level == AT_HIGH)] = 0
-        self.bounds[:, at_level != 0] *= -1
-        self._any_bounds = bool((self.bounds != 1).any())
+        self.level_signs = np.where(system.is_tie, 0, np.ones((2, m), dtype=np.int8))
+        self.level_signs[0, system.is_one_way | above | (at_level == AT_LOW)] = 0
+        self.level_signs[1, below | (at_level == AT_HIGH)] = 0
+        self.level_signs[:, at_level != 0] *= -1
+        self._signs_differ = bool((self.level_signs != 1).any())
         slick = system.is_one_way | system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) == 0)
         self.near_rest = np.where(slick & (np.abs(parts.mode) == 1), margin, 0.0)
         # of each border, how many zeros at the start of its series are divided out; or _STAYS
         self._zeros = np.zeros(self._system.piecewise.beyond.size, dtype=np.int8)
         self._borders_of, self.borders = np.zeros(m, dtype=np.intp), 0
 
-    def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
+    def look(self, rows: Indices, t: float, is_live: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
 
-        The search begins at `t`, where the series of the rows begin. `is_bounded` says which of these series hold only
-        until `Parts.end`.
+        The search begins at `t`, where the series of the rows begin. `is_live` says which of these series hold only
+        until `Parts.series_end`.
         """
         parts = self._parts
-        self.is_bounded[rows] = is_bounded
+        self.is_live[rows] = is_live
         self.is_root[rows] = False
         self.when[rows] = math.inf
         gaps = rows[:0]
@@ -104,7 +104,7 @@ class NextRoots:
             borders, own = self._look_at_gaps(gaps, t)
             g, which = np.concatenate([g, borders]), np.concatenate([which, gaps[own]])
         bad = which[g[:, 0] <= 0]
-        span = np.where(self.is_bounded[which], parts.end, parts.stop) - t
+        span = np.where(self.is_live[which], parts.series_end, parts.stop) - t
         g *= powers(span / parts.unit, g.shape[1])
         when = earliest(g)
         soon = np.isfinite(when).nonzero()[0]
@@ -125,11 +125,11 @@ class NextRoots:
         levels = parts.levels(rows, t)
         g[:, : levels.shape[2]] += levels.reshape(g.shape[0], levels.shape[2])
         which = np.concatenate([rows, rows])
-        if not self._any_bounds:
+        if not self._signs_differ:
             return g, which
-        bounds = self.bounds[:, rows].ravel()
-        some = bounds.nonzero()[0]
-        return bounds[some, None] * g[some], which[some]
+        signs = self.level_signs[:, rows].ravel()
+        some = signs.nonzero()[0]
+        return signs[some, None] * g[some], which[some]
 
     def _look_at_gaps(self, rows: Indices, t: float) -> tuple[Array, Indices]:
         """Return the guards of gaps whose series begin at `t`, and for each the place of its gap among the rows."""
@@ -139,7 +139,7 @@ class NextRoots:
         for k in (np.abs(g[:, 0]) <= ROUNDOFF * size).nonzero()[0].tolist():
             j = int(rows[own[k]])
             is_stop = bool(self._system.is_stop[j])
-            if np.abs(g[k, 1:]).sum() <= STRETCH_ROUNDOFF * size[k] and not is_stop:
+            if np.abs(g[k, 1:]).sum() <= FINEST_ROUNDOFF * size[k] and not is_stop:
                 order = _STAYS
             elif (order := self._way_out(j, g[k], int(borders[k]), t)) < 0 and not is_stop:
                 now.append(j)
@@ -156,14 +156,14 @@ class NextRoots:
         return self._divided(g, borders), own
 
     def _borders(self, rows: Indices) -> tuple[Array, Array, Indices, Indices]:
-        """Return the borders of the regions of some gaps as series, and the summed sizes of their terms at the start.
+        """Return the borders of the regions of some gaps as series, and their majorants at the start.
 
         Then come the numbers of these borders, and for each the place of its gap among the rows.
         """
         parts, elastic = self._parts, self._parts.elastic
         borders, own = elastic.borders(elastic.number[rows])
         factors = self._system.piecewise.border[borders]
-        x, v = self._sizes(rows)
+        x, v = self._stretch_majorants(rows)
         stretch, rate, constant = np.abs(factors.T)
         size = stretch * (x + parts.unit * v)[own] + rate * v[own] + constant
         return self._along(parts.watched[rows][own], factors), size, borders, own
@@ -191,32 +191,32 @@ class NextRoots:
         """Return the order with which a border of a gap leaves 0, negative if downwards; 0 where that is not clear."""
         unit = self._parts.unit
         stretch, rate, _ = np.abs(self._system.piecewise.border[border]).tolist()
-        size = self._slope_size(j, border)
+        size = self._slope_majorant(j, border)
         if rate:
-            size += rate * self._second_derivative_size(j, t) * unit
+            size += rate * self._bend_majorant(j, t) * unit
         first, second = g[1:3].tolist()
         if abs(first) > _CLEAR * size:
             return 1 if first > 0 else -1
         if abs(first) > ROUNDOFF * size or rate:
             return 0
-        if abs(second) > _CLEAR * 0.5 * stretch * self._second_derivative_size(j, t) * unit**2:
+        if abs(second) > _CLEAR * 0.5 * stretch * self._bend_majorant(j, t) * unit**2:
             return 2 if second > 0 else -2
         return 0
 
-    def _slope_size(self, j: int, border: int) -> float:
-        """Return the summed sizes of the terms in a border's slope by its gap's stretch, in units of the series."""
+    def _slope_majorant(self, j: int, border: int) -> float:
+        """Return the majorant of a border's slope by its gap's stretch, in units of the series."""
         stretch = abs(float(self._system.piecewise.border[border, 0]))
-        return stretch * float(self._sizes(np.array([j]))[1][0]) * self._parts.unit
+        return stretch * float(self._stretch_majorants(np.array([j]))[1][0]) * self._parts.unit
 
-    def _second_derivative_size(self, j: int, t: float) -> float:
-        """Return the summed sizes of the terms in the second derivative of the stretch of a row."""
+    def _bend_majorant(self, j: int, t: float) -> float:
+        """Return the majorant of the second derivative of the stretch of a row."""
         parts, forest = self._parts, self._parts.forest
-        ends = ((int(forest.child[j]), 0), (int(forest.parent[j]), 1))
+        ends = ((int(forest.child[j]), forest.lever[j, 0]), (int(forest.parent[j]), forest.lever[j, 1]))
         of_drive = abs(forest.lever[j, 2] * parts.prescribed.drive_at(int(forest.drive[j]), t)[1])
-        return float(of_drive + sum(abs(forest.lever[j, e]) * parts.acceleration_size(i, t) for i, e in ends if i >= 0))
+        return float(of_drive + sum(abs(c) * parts.acceleration_majorant(i, t) for i, c in ends if i >= 0))
 
-    def _sizes(self, rows: Indices) -> tuple[Array, Array]:
-        """Return the summed sizes of the terms in the stretches of some gaps, and in their rates."""
+    def _stretch_majorants(self, rows: Indices) -> tuple[Array, Array]:
+        """Return majorants of the stretches of some gaps, and of their rates."""
         parts, forest = self._parts, self._parts.forest
         x, v = np.zeros(rows.size), np.zeros(rows.size)
         kinds = [
@@ -273,15 +273,15 @@ class NextRoots:
         normal = parts.prescribed.normals(np.array([j]), t)[0]
         normal *= self._units(span, normal.size)
         for side, sign in ((0, 1), (1, -1)):
-            bound = int(self.bounds[side, j])
-            if not bound:
+            level_sign = int(self.level_signs[side, j])
+            if not level_sign:
                 continue
             g = -sign * c
             g[: normal.size] += system.mu_s[side, j] * normal
             if is_rising and system.rise[side, j]:
                 lag = float(system.rise[side, j]) * math.exp(-(t - parts.since[j]) / dwell)
                 g = _risen(g, lag, span / dwell, normal)
-            g *= bound
+            g *= level_sign
             if g[0] <= np.abs(g[1:]).sum():
                 self._enter(j, g, t, span, sign, self.roundoff_scale(j, t))
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):
@@ -298,7 +298,7 @@ class NextRoots:
         return np.asarray(powers(np.full(1, span / self._parts.unit), count)[0])
 
     def _until(self, j: int) -> float:
-        return self._parts.end if self.is_bounded[j] else self._parts.stop
+        return self._parts.series_end if self.is_live[j] else self._parts.stop
 
     def _refine_gap(self, j: int, t: float) -> None:
         """Find the first root of a gap's borders."""
@@ -310,7 +310,7 @@ class NextRoots:
             if g[place, 0] <= np.abs(g[place, 1:]).sum():
                 # a border that leaves 0 is measured from its value at the start
                 border = int(borders[place])
-                floor = self._slope_size(j, border) if self._zeros[border] == 1 else size
+                floor = self._slope_majorant(j, border) if self._zeros[border] == 1 else size
                 self._enter(j, g[place], t, span, place, floor)
 
     def crosses(self, j: int, t: float) -> bool:
@@ -336,7 +336,7 @@ class NextRoots:
         forest = parts.forest
         if parts.mode[j] == 0:
             level = float(self._system.mu_s[0, j]) * parts.prescribed.normal_at(j, t)
-            return level or parts.force_size(int(forest.child[j]), t)
+            return level or parts.force_majorant(int(forest.child[j]), t)
         child, parent, drive = np.abs(forest.lever[j]).tolist()
         total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
@@ -358,7 +358,7 @@ class NextRoots:
             if not left:
                 continue
             ends = [int(i) for i in (forest.child[j], forest.parent[j]) if i >= 0]
-            size = self._second_derivative_size(j, t) * parts.unit + ROUNDOFF * sum(float(parts.speed[i]) for i in ends)
+            size = self._bend_majorant(j, t) * parts.unit + ROUNDOFF * sum(float(parts.speed[i]) for i in ends)
             if abs(w[1]) > _MOVES * size and abs(w[0]) <= ROUNDOFF * self.roundoff_scale(j, t):
                 parts.label[j] = 1 if w[1] > 0 else -1
                 parts.started[j] = True
@@ -371,11 +371,11 @@ class NextRoots:
         """Let an open row go on to the other side as its velocity passes 0 at `t`; False where that is not clear."""
         parts = self._parts
         c = self.moved(np.array([j]), t)[0]
-        if -parts.label[j] * c[1] <= _MOVES * self._second_derivative_size(j, t) * parts.unit:
+        if -parts.label[j] * c[1] <= _MOVES * self._bend_majorant(j, t) * parts.unit:
             return False
         parts.watched[j], parts.row_origin[j] = c, t
         parts.label[j], parts.started[j] = -parts.label[j], True
-        return not self.look(np.array([j]), t, self.is_bounded[[j]]).size
+        return not self.look(np.array([j]), t, self.is_live[[j]]).size
 
 
 def _risen(g: Array, lag: float, rate: float, normal: Array) -> Array:

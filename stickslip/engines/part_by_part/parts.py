@@ -25,7 +25,7 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_MANY = 120  # bodies in a patch beyond which its matrices are sparse
+_DENSE_LIMIT = 120  # bodies in a patch beyond which its matrices are sparse
 
 
 class Patch(NamedTuple):
@@ -80,7 +80,7 @@ class Parts:
         Which bodies move together.
     prescribed : Prescribed
         Loads and drives.
-    end : float
+    series_end : float
         Time until which the series of bodies that springs, dampers or sines move hold.
     """
 
@@ -121,7 +121,7 @@ class Parts:
         self.position[system.moved] = motion.y[system.moved_state]
         self.speed = np.abs(motion.y[:n])
         self.row_origin = np.full(m, motion.t)
-        self.end, self.ended = self.stop, motion.t
+        self.series_end, self.renewed_at = self.stop, motion.t
         self.opens = bool((self.mode == OPEN).any())
         # rows in no tree that move or carry no force
         self._is_loose = ~forest.in_tree & ((np.abs(self.mode) == 1) | (self.mode == OPEN))
@@ -220,9 +220,9 @@ class Parts:
             return straight
         found = prescribed.sine_forces(bodies, t)
         found[:, : straight.shape[1]] += straight
-        if prescribed.rows.any:
+        if prescribed.rows.has_any:
             rows = distinct(self.rows_at(bodies))
-            rows = rows[prescribed.rows.moves[rows]]
+            rows = rows[prescribed.rows.have_sines[rows]]
             self._add_friction(found, bodies, rows, prescribed.rows.series(rows, t, found.shape[1], unit))
         return found
 
@@ -244,17 +244,17 @@ class Parts:
         np.add.at(found[:, : push.shape[1]], own, push)
         return found
 
-    def acceleration_size(self, i: int, t: float) -> float:
-        """Return the summed sizes of the terms in the acceleration of a body at time `t`: roundoff is a part of it."""
+    def acceleration_majorant(self, i: int, t: float) -> float:
+        """Return the majorant of the acceleration of a body at time `t`: roundoff is a part of it."""
         groups = self.groups
         lead = int(groups.lead[i])
         if lead != UNLED:
-            return 0.0 if lead < 0 else self.prescribed.drive_acceleration_size(lead)
+            return 0.0 if lead < 0 else self.prescribed.drive_acceleration_majorant(lead)
         inertia = self.inertia[groups.bodies(int(groups.of[i]))]
-        return self.force_size(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
+        return self.force_majorant(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
 
-    def force_size(self, i: int, t: float) -> float:
-        """Return the summed sizes of the forces on a body, and on all that move with it, at time `t`."""
+    def force_majorant(self, i: int, t: float) -> float:
+        """Return the majorant of the force on a body, and on all that move with it, at time `t`."""
         forest, bodies = self.forest, self.groups.bodies(int(self.groups.of[i]))
         places, own = spans(forest.near_from, bodies), self.forces_at(bodies, t)[:, 0]
         v, x = np.abs(self.at(forest.near[places], t))
@@ -308,13 +308,13 @@ class Parts:
         return y, sizes
 
     def gained(self, states: Indices, t: float) -> Array:
-        """Return how far the summed sizes of forces at `t` change velocities among some states in the time `unit`.
+        """Return how far the majorants of forces at `t` change velocities among some states in the time `unit`.
 
         For all other states it is 0.
         """
         found = np.zeros(self.system.size)
         for i in states[states < self.system.n].tolist():
-            found[i] = self.acceleration_size(i, t) * self.unit
+            found[i] = self.acceleration_majorant(i, t) * self.unit
         return found
 
     def _along(self, series: Array, bodies: Indices, times: Array) -> Array:
@@ -569,7 +569,7 @@ class Parts:
         return found
 
     def live_rows(self, patch: Patch, rows: Indices) -> Mask:
-        """Tell which rows of a patch watch bodies that couplings or sines move: their series hold until `end` only."""
+        """Tell which rows of a patch watch bodies moved by couplings or sines: their series last until `series_end`."""
         if not self.has_series:
             return np.zeros(rows.size, dtype=bool)
         forest, bodies = self.forest, patch.bodies
@@ -600,7 +600,7 @@ def distinct(numbers: Indices) -> Indices:
 
 def _side_by_side(first: Array, second: Array, row: Indices, column: Indices, size: int) -> Any:
     """Return two matrices of the same pattern, rows in order, side by side; sparse where they are large."""
-    if size > _MANY:
+    if size > _DENSE_LIMIT:
         starts = np.concatenate([[0], 2 * np.cumsum(np.bincount(row, minlength=size))])
         entries = np.stack([first, second], axis=1).ravel()
         columns = np.stack([column, size + column], axis=1).ravel()

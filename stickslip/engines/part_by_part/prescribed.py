@@ -86,16 +86,16 @@ class Prescribed:
             # springs to drives with sines
             places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
             self._springs = SineShares.of(sines.some(pulling), system.C[:, places], motion.t)
-        self.feels_sines = self._bodies.moves | self._springs.moves
-        rows = self.rows.moves | (forest.drive >= 0) & np.append(self._drives.moves, False)[forest.drive]
+        self.feels_sines = self._bodies.have_sines | self._springs.have_sines
+        rows = self.rows.have_sines | (forest.drive >= 0) & np.append(self._drives.have_sines, False)[forest.drive]
         ends = np.concatenate([forest.child[rows], forest.parent[rows]])
         self.feels_sines[ends[ends >= 0]] = True
-        self.bends_with = np.concatenate([self._drives.moves, [True, False]])
+        self.bends_with = np.concatenate([self._drives.have_sines, [True, False]])
 
     def sine_forces(self, bodies: Indices, t: float) -> Array:
         """Return the forces of sines on some bodies as series about `t`."""
         found = self._bodies.series(bodies, t, self._terms, self.unit)
-        if self._springs.any:
+        if self._springs.has_any:
             found += self._springs.series(bodies, t, self._terms, self.unit)
         return found
 
@@ -106,14 +106,14 @@ class Prescribed:
     @property
     def drives_have_sines(self) -> bool:
         """Whether the velocity of a drive has sines."""
-        return self._drives.any
+        return self._drives.has_any
 
     def drive_at(self, k: int, t: float) -> tuple[float, float]:
         """Return velocity and acceleration of a drive at time `t`; those of the ground, which is -1, are 0."""
         if k < 0:
             return 0.0, 0.0
         start, slope = self.drives.velocity[k].tolist()
-        v, a = self._drives.series(np.array([k]), t, 2, 1.0)[0].tolist() if self._drives.any else (0.0, 0.0)
+        v, a = self._drives.series(np.array([k]), t, 2, 1.0)[0].tolist() if self._drives.has_any else (0.0, 0.0)
         return start + (t - self.start) * slope + v, slope + a
 
     def drive_series(self, t: float) -> Array:
@@ -125,11 +125,11 @@ class Prescribed:
 
     def drive_positions(self, drives: Indices, t: float) -> Array:
         """Return the positions of drives as series about `t`."""
-        terms = self._terms if self._drives.any else 3
+        terms = self._terms if self._drives.has_any else 3
         found = self.drives.moved(drives, t, self.unit, terms - 1)
         found[:, 0] = self.drives.positions(drives, np.array([t]))[:, 0]
         return found
 
-    def drive_acceleration_size(self, k: int) -> float:
-        """Return the summed sizes of the terms in the acceleration of a drive."""
+    def drive_acceleration_majorant(self, k: int) -> float:
+        """Return the majorant of the acceleration of a drive."""
         return float(np.abs(self.drives.velocity[k, 1]) + self._drives.rate_sizes[k])

@@ -48,12 +48,12 @@ class SineShares:
         return cls.of(sines, acts)
 
     @cached_property
-    def any(self) -> bool:
+    def has_any(self) -> bool:
         """Whether any thing has sines."""
         return self.shares.size > 0
 
     @property
-    def moves(self) -> Mask:
+    def have_sines(self) -> Mask:
         """Which things have sines."""
         return np.asarray(np.diff(self.firsts) > 0)
 
@@ -82,7 +82,7 @@ class SineShares:
             series = (
                 sines.taylor(t, terms - 1, unit)
                 if self.since is None
-                else sines.taylor_of_gone(self.since, t, terms - 1, unit)
+                else sines.taylor_of_integrals(self.since, t, terms - 1, unit)
             )
             np.add.at(found, own, self.shares[places, None] * series.T)
         return found
@@ -103,7 +103,7 @@ class LinesWithSines:
         found = self.straight[things]
         found[:, 0] += (t - self.start) * found[:, 1]
         found[:, 1] *= self.unit
-        if not self.sines.any:
+        if not self.sines.has_any:
             return found
         both = self.sines.series(things, t, self.terms, self.unit)
         both[:, :2] += found

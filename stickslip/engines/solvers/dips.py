@@ -28,9 +28,9 @@ _THIRD[:4, 0], _THIRD[1:, 1] = (
 # How often a step is halved at most in which third differences are large, and of how many parts at once at most.
 _HALVINGS, _AT_MOST = 12, 1000
 
-_TOLD = 0.1  # third differences up to this part of a guard's range in a step are small
+_SMALL = 0.1  # third differences up to this part of a guard's range in a step are small
 _FAR = 0.1  # and so are those up to this part of its least value there
-_LATE = 1e-3  # guards are also looked at this part of the last step before its end
+_BEFORE_END = 1e-3  # guards are also looked at this part of the last step before its end
 _SUSPICION = 5e-2
 _DWELLS = np.geomspace(0.02, 40.0, 24)
 
@@ -66,8 +66,8 @@ def first_dip(along: GuardsAlong) -> Dip | None:
     some[:-1] |= some[1:]
     some[1:] |= some[:-1]
 
-    def values(tau: Array, late: bool = True) -> Array:
-        return along.values(rows, tau, late)
+    def values(tau: Array) -> Array:
+        return along.values(rows, tau, with_leeway=True)
 
     looks, ends = _looks(values, ~along.are_exact[rows], taus[:-1][some], taus[1:][some])
     if motion.dwell_times.size and np.isinf(low).any():
@@ -76,8 +76,8 @@ def first_dip(along: GuardsAlong) -> Dip | None:
         ends = np.hstack([ends, values(extra)])[:, which]
     if along.path.hit and some[-1]:
         # to see whether a guard that is not negative at the end rises there
-        late = np.array([taus[-1] - _LATE * (taus[-1] - taus[-2])])
-        looks, ends = np.insert(looks, -1, late), np.insert(ends, -1, values(late)[:, 0], axis=1)
+        before = np.array([taus[-1] - _BEFORE_END * (taus[-1] - taus[-2])])
+        looks, ends = np.insert(looks, -1, before), np.insert(ends, -1, values(before)[:, 0], axis=1)
     begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
     highest = _highest(looks, ends, np.column_stack([begin, low]), taus)
     found = _first_negative(looks, ends, values, np.where(highest >= _FROM_ABOVE * touch[:, None], touch[:, None], 0.0))
@@ -86,10 +86,10 @@ def first_dip(along: GuardsAlong) -> Dip | None:
     tau, row = found
     if row is None:
         return None if along.path.hit and tau >= taus[-1] else Dip(tau)
-    # the place of the minimum is that of the guard itself, without its leeway
+    # the place of the minimum, once more, between wider bounds
     place = int(looks.searchsorted(tau))
     left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
-    return Dip(_lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]]))
+    return Dip(_lowest(values, row, left, right)[0], int(guards.row[rows[row]]))
 
 
 def _highest(looks: Array, values: Array, low: Array, taus: Array) -> Array:
@@ -115,7 +115,7 @@ def _looks(guards: Callable[[Array], Array], bend: Mask, left: Array, right: Arr
         with np.errstate(invalid="ignore"):
             third = np.abs(some @ _THIRD).max(axis=2)
             spread = some.max(axis=2) - least
-            turns = ((third > _TOLD * spread) & (third > _FAR * least)).any(axis=0)
+            turns = ((third > _SMALL * spread) & (third > _FAR * least)).any(axis=0)
         if not 0 < turns.sum() <= _AT_MOST:
             break
         left, right, middle = left[turns], right[turns], taus[turns, 2]

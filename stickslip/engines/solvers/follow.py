@@ -28,12 +28,12 @@ _FIRST = 1e-3  # longest first step as a part of the time ahead
 _LOST, _FARTHER = 200, 2.0
 
 # A solver creeps if so many steps lead over less than this part of the time ahead.
-_MANY, _NOWHERE = 1000, 1e-3
+_CREEPING, _NOWHERE = 1000, 1e-3
 
 _ATTEMPTS = 3  # how often in a row a motion goes on from shortly before a failure
 
 # How far to go again after a failure, as parts of the time of the failure. Steps grow tenfold at most.
-_SHORT = (0.9, 0.5, 0.25, 0.1)
+_RETRIES = (0.9, 0.5, 0.25, 0.1)
 
 
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
@@ -105,10 +105,10 @@ class Lookout:
     def _creeps(self, tau: float) -> bool:
         """Tell whether the last steps, many of them, have covered next to no time."""
         self._calls += 1
-        if self._goes_on or self._calls % _MANY:
+        if self._goes_on or self._calls % _CREEPING:
             return False
-        gone, self._looked_at = tau - self._looked_at, tau
-        creeps = gone < _NOWHERE * self._guards.motion.horizon
+        covered, self._looked_at = tau - self._looked_at, tau
+        creeps = covered < _NOWHERE * self._guards.motion.horizon
         if creeps:
             self._look_ahead.crept = self._guards.motion.t + tau
         return creeps
@@ -187,7 +187,7 @@ def _protected(
         # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
         path = Path.of_start(motion.y)
         reached = progress.last
-        for short in [part * reached for part in _SHORT if reached > 0]:
+        for short in [part * reached for part in _RETRIES if reached > 0]:
             with contextlib.suppress(Exception):
                 path = solve(short, Progress(short, interruption))
                 break

@@ -37,10 +37,10 @@ class GuardsAlong:
         """Tell whether some guards are polynomials."""
         return bool(self.are_exact[rows].all())
 
-    def values(self, rows: Indices, taus: Array, late: bool = False) -> Array:
+    def values(self, rows: Indices, taus: Array, with_leeway: bool = False) -> Array:
         """Return some guards at local times, one row each; zeros at the start are not divided out.
 
-        If `late`, the leeway is added: a guard has passed 0 once it is beyond 0 by more than that.
+        If `with_leeway`, the leeway is added: a guard has passed 0 once it is beyond 0 by more than that.
         """
         path, guards = self.path, self.guards
         if self.is_exact(rows):
@@ -51,19 +51,19 @@ class GuardsAlong:
             found: Array = np.einsum("nj,rnj->rn", basis, self._coefficients[rows][:, step])
         else:
             found = guards.undivided(taus, self.motion.exact(taus, path.at(taus).T))[rows]
-        if late:
+        if with_leeway:
             found += guards.leeway[rows, None]
-        if guards.told >= 0:
+        if guards.any_roundoff_until >= 0:
             # up to this time the sign of a guard that leaves 0 is roundoff
-            found[:, taus <= guards.told] = np.inf
+            found[:, taus <= guards.any_roundoff_until] = np.inf
         return found
 
-    def root(self, row: int, step: int, right: float, late: bool) -> float:
+    def root(self, row: int, step: int, right: float, with_leeway: bool) -> float:
         """Return where in a step a guard falls through 0: at its start it is not negative, and at `right` it is."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
-        if self.are_exact[row] and left > self.guards.told:
+        if self.are_exact[row] and left > self.guards.any_roundoff_until:
             coefficients = self._coefficients[row, step].tolist()
-            coefficients[0] += float(self.guards.leeway[row]) if late else 0.0
+            coefficients[0] += float(self.guards.leeway[row]) if with_leeway else 0.0
 
             def value(tau: float) -> float:
                 return _clenshaw(coefficients, 2 * (tau - left) / (end - left) - 1)
@@ -71,7 +71,7 @@ class GuardsAlong:
         else:
 
             def value(tau: float) -> float:
-                return float(self.values(np.array([row]), np.array([tau]), late)[0, 0])
+                return float(self.values(np.array([row]), np.array([tau]), with_leeway)[0, 0])
 
         # the signs at both ends may be roundoff
         if value(left) <= 0:

@@ -18,7 +18,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 
 _DENSE_LIMIT = 60
-_DENSE_AT_MOST = 400
+_DENSE_UNLESS_BANDED = 400
 _NARROW = 0.25
 
 
@@ -27,14 +27,14 @@ def band_order(system: System) -> Indices | None:
     if system.size <= _DENSE_LIMIT:
         return None
     size, places = system.size, (system.moved_state, system.moved)
-    joined = scipy.sparse.csr_array(system.abs_GT) @ scipy.sparse.csr_array(system.abs_G)
-    joined.resize((size, size))
+    by_rows = scipy.sparse.csr_array(system.abs_GT) @ scipy.sparse.csr_array(system.abs_G)
+    by_rows.resize((size, size))
     # of equal degrees the first entry decides: sort the entries, so that the order is always the same
-    joined.sort_indices()
+    by_rows.sort_indices()
     springs = scipy.sparse.csr_array(system.piecewise.widest(system.C))
     springs.resize((size, size))
     moves = scipy.sparse.csr_array((np.ones(system.moved.size), places), shape=(size, size))
-    total = joined + springs + moves
+    total = by_rows + springs + moves
     order = scipy.sparse.csgraph.reverse_cuthill_mckee(scipy.sparse.csr_matrix(total + total.T), symmetric_mode=True)
     return np.asarray(order, dtype=np.intp)
 
@@ -48,11 +48,11 @@ class LinearSolver:
         self._places: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._pattern: Any = None
 
-    def hold(self, size: int, structure: Callable[[], Any]) -> bool:
-        """Make room for a Jacobian of some size and structure; return whether earlier solvers have no room for it."""
+    def hold(self, size: int, jacobian_pattern: Callable[[], Any]) -> bool:
+        """Make room for a Jacobian of some size and pattern; return whether earlier solvers have no room for it."""
         if size <= _DENSE_LIMIT:
             return self._become("dense", size)
-        jacobian = structure()
+        jacobian = jacobian_pattern()
         is_dense = isinstance(jacobian, np.ndarray)
         matrix = jacobian if is_dense else scipy.sparse.coo_array(jacobian)
         row, column = jacobian.nonzero() if is_dense else (matrix.row, matrix.col)
@@ -64,7 +64,7 @@ class LinearSolver:
                 self._below, self._above = max(below, self._below), max(above, self._above)
                 self._places = _band(size, self._below, self._above)
             return grown
-        if size <= _DENSE_AT_MOST:
+        if size <= _DENSE_UNLESS_BANDED:
             return self._become("dense", size)
         return self._hold_sparse(scipy.sparse.coo_array(matrix), size)
 

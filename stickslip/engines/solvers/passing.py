@@ -27,8 +27,8 @@ _FEW = 4  # points that are looked at together, backwards from the end: a veloci
 def back_to_zero(along: GuardsAlong, end: float) -> Path:
     """Return the path up to the first place where a guard that is negative at local time `end` was 0."""
     guards = along.guards
-    late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
-    return _up_to_first(along, (late <= (1 - FULLY) * guards.leeway).nonzero()[0], end)
+    values = along.values(np.arange(guards.size), np.array([end]), with_leeway=True)[:, 0]
+    return _up_to_first(along, (values <= (1 - FULLY) * guards.leeway).nonzero()[0], end)
 
 
 def back_from_end(along: GuardsAlong, path: Path) -> Path:
@@ -51,10 +51,10 @@ def _up_to_first(along: GuardsAlong, rows: Indices, end: float) -> Path:
     path, found, guard = along.path, end, None
     for row in rows.tolist():
         # a guard that is negative from the start on counts as 0 where it passes its leeway
-        for beyond in (False, True):
-            step = _last_before(along, row, end, beyond)
+        for with_leeway in (False, True):
+            step = _last_before(along, row, end, with_leeway)
             if step is not None:
-                root = along.root(row, step, min(float(path.taus[step + 1]), end), beyond)
+                root = along.root(row, step, min(float(path.taus[step + 1]), end), with_leeway)
                 root = _once_driven_back(along, row, root, end)
                 if root < found or guard is None:
                     found, guard = root, row
@@ -96,13 +96,13 @@ def _rising(along: GuardsAlong, i: int, tau: float) -> float:
     return grows + ROUNDOFF * float(guards.majorant[1, i])
 
 
-def _last_before(along: GuardsAlong, row: int, end: float, late: bool) -> int | None:
+def _last_before(along: GuardsAlong, row: int, end: float, with_leeway: bool) -> int | None:
     """Return the last point before `end` at which a guard is not negative, None if there is none."""
     taus, rows = along.path.taus, np.array([row])
     last, count = int(taus.searchsorted(end)) - 1, _FEW
     while last >= 0:
         first = max(last - count + 1, 0)
-        before = (along.values(rows, taus[first : last + 1], late)[0] >= 0).nonzero()[0]
+        before = (along.values(rows, taus[first : last + 1], with_leeway)[0] >= 0).nonzero()[0]
         if before.size:
             return first + int(before[-1])
         last, count = first - 1, 2 * count

@@ -11,7 +11,7 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-# The uncertainty of a quantity, as a part of what adds up in it: the sum of the sizes of its terms.
+# The uncertainty of a quantity, as a part of its majorant: the sum of the sizes of its terms.
 ROUNDOFF = 1e-12
 
 # The same for forces of rows where drives lead bodies and loads are functions: accelerations of such drives are
@@ -20,13 +20,13 @@ _BY_DIFFERENCES = 1e-9
 
 AT_LIMIT = 1e-10  # part of its level within which a force is at its level
 _AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
-STRETCH_ROUNDOFF = 1e-15  # part of what adds up in a stretch within which a stop is at its limit
+FINEST_ROUNDOFF = 1e-15  # part of its majorant within which a stop is at its limit, and a slope may be 0
 _NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looked at more closely
 _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time
 _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
 TIME = 1e-15  # the uncertainty of the time, as a part of it
 
-# The uncertainty of second and higher Taylor coefficients, as a part of what adds up in them, in motions that are not
+# The uncertainty of second and higher Taylor coefficients, as a part of their majorants, in motions that are not
 # linear: there these coefficients are differences.
 DIFFERENCED = 1e-6
 
@@ -106,7 +106,7 @@ class GuardsAtStart(GuardValues):
         if self._has_constant:
             near = near + _NEAR * self._constant
         if rows.has_borders:
-            size = self.motion.equations.border_magnitudes(self.motion.sizes, np.abs(self.motion.start_inputs))
+            size = self.motion.equations.border_majorants(self.motion.state_majorants, np.abs(self.motion.start_inputs))
             near = near + np.zeros(self.size)
             near[self.is_border] = _NEAR * size + soon * np.abs(self.first[1, self.is_border])
         close = ~(g0 > near) | self.rests
@@ -129,7 +129,7 @@ class GuardsAtStart(GuardValues):
                 continue
             limits, flat = found
             if not motion.is_linear:
-                limits[1] += DIFFERENCED * self._changes[2, i]
+                limits[1] += DIFFERENCED * self._majorant_from_rates[2, i]
             order = self._way_out(i, limits, flat)
             if order == _DOWN:
                 self.violated[i] = True
@@ -156,12 +156,12 @@ class GuardsAtStart(GuardValues):
             # no force can hold an open row: nothing but roundoff is uncertain
             return [ROUNDOFF * majorant[k, i] for k in (1, 2)], 0.0
         # where a load is a function, its slopes have the roundoff of the time, too
-        near = self._adds_up if motion.segment.is_straight or motion.is_linear else majorant
-        given, adds_up = self._given_at_level(i), float(near[1, i])
+        near = self._majorant_at_exact_time if motion.segment.is_straight or motion.is_linear else majorant
+        given, majorant_1 = self._given_at_level(i), float(near[1, i])
         found_at = _AS_FIRED * given if has_fired else 0.0
         # A row whose force is beyond its level is not held. Then its acceleration must count as motion, even if it is
         # small: otherwise neither mode is allowed.
-        first = max(AT_LIMIT * (min(adds_up, given) or adds_up), found_at) + ROUNDOFF * majorant[1, i]
+        first = max(AT_LIMIT * (min(majorant_1, given) or majorant_1), found_at) + ROUNDOFF * majorant[1, i]
         return [first, AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i]], 0.0
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
@@ -178,7 +178,7 @@ class GuardsAtStart(GuardValues):
             tolerance = np.inf
         elif of_stop and not has_fired:
             # a stop in flight counts as open down to roundoff: at its limit it rebounds
-            tolerance = STRETCH_ROUNDOFF * majorant[0, i]
+            tolerance = FINEST_ROUNDOFF * majorant[0, i]
         if not abs(coefficients[0, i]) <= tolerance:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
@@ -203,10 +203,10 @@ class GuardsAtStart(GuardValues):
         if not self.motion.is_linear:
             return NEVER
         # higher orders, which only springs and oscillating loads have
-        coefficients, adds_up, majorant = self._higher
+        coefficients, at_exact_time, majorant = self._higher
         for k in range(3, HIGHEST + 1):
             value = coefficients[k, i]
-            limit = 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i])
+            limit = 10 * (AT_LIMIT * at_exact_time[k, i] + ROUNDOFF * majorant[k, i])
             if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         return NEVER
@@ -214,11 +214,11 @@ class GuardsAtStart(GuardValues):
     def _given_at_level(self, i: int) -> float:
         """Return the acceleration of a row by its level and a force as large, which its guard compares while held.
 
-        For a row without a level it is all that adds up in its acceleration.
+        For a row without a level it is the majorant of its acceleration.
         """
         system, row = self.motion.system, self.row[i]
         if not system.is_friction[row]:
-            return float(self._adds_up[1, i])
+            return float(self._majorant_at_exact_time[1, i])
         level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
         return float(2 * level * self.motion.equations.mobility(row))
 
@@ -250,45 +250,45 @@ class GuardsAtStart(GuardValues):
     @cached_property
     def _higher(self) -> tuple[Array, Array, Array]:
         motion = self.motion
-        adds_up = motion.guard_magnitudes(self.rows, HIGHEST + 1)
-        return self.series(motion.expand(0.0, motion.y, HIGHEST)), adds_up, self._with_time(adds_up)
+        at_exact_time = motion.guard_majorants(self.rows, HIGHEST + 1)
+        return self.series(motion.expand(0.0, motion.y, HIGHEST)), at_exact_time, self._with_time(at_exact_time)
 
     @cached_property
     def majorant(self) -> Array:
-        """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        found = self._with_time(self._adds_up, self._in_time)
-        if np.count_nonzero(found > 2 * self._adds_up[:-1]):
-            found = np.minimum(found, self._with_time(self._adds_up, self._changes))
+        """Majorants of the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of these."""
+        found = self._with_time(self._majorant_at_exact_time, self._majorant_without_new_dwells)
+        if np.count_nonzero(found > 2 * self._majorant_at_exact_time[:-1]):
+            found = np.minimum(found, self._with_time(self._majorant_at_exact_time, self._majorant_from_rates))
         return found
 
     @cached_property
-    def _changes(self) -> Array:
-        """What adds up in the guards, orders 0 to 3, from rates in which forces have cancelled.
+    def _majorant_from_rates(self) -> Array:
+        """The same up to order 3, from rates in which forces have cancelled.
 
         Otherwise two forces that cancel beside a stiff damper would count in all higher orders, more in each.
         """
-        sizes = self.motion.magnitudes(3, from_rates=True)
-        return np.array([self.rows.majorants(z, q) for q, z in sizes])
+        majorants = self.motion.majorants(3, from_rates=True)
+        return np.array([self.rows.majorants(z, q) for q, z in majorants])
 
     @cached_property
-    def _adds_up(self) -> Array:
-        """What adds up in the guards, orders 0 to 3, as if the time were exact."""
-        return self.motion.guard_magnitudes(self.rows, 3)
+    def _majorant_at_exact_time(self) -> Array:
+        """The same up to order 3, as if the time were exact."""
+        return self.motion.guard_majorants(self.rows, 3)
 
     @property
-    def _in_time(self) -> Array:
-        """What adds up in changes with time, orders 0 to 3, without dwells that begin now: their age is exact."""
+    def _majorant_without_new_dwells(self) -> Array:
+        """The same up to order 3, without dwells that begin now: their age is exact."""
         motion = self.motion
-        return motion.guard_magnitudes(self.rows, 3, True) if motion.begins_to_rise else self._adds_up
+        return motion.guard_majorants(self.rows, 3, True) if motion.begins_to_rise else self._majorant_at_exact_time
 
-    def _with_time(self, sizes: Array, changes: Array | None = None) -> Array:
-        return with_time(sizes, sizes if changes is None else changes, self.motion.t)
+    def _with_time(self, majorants: Array, changes: Array | None = None) -> Array:
+        return with_time(majorants, majorants if changes is None else changes, self.motion.t)
 
     @cached_property
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
-        adds_up = self.is_velocity | self.is_border
-        return np.where(adds_up, self.majorant[0] + np.abs(self._constant), self.force_scale)
+        by_majorant = self.is_velocity | self.is_border
+        return np.where(by_majorant, self.majorant[0] + np.abs(self._constant), self.force_scale)
 
     @cached_property
     def value_scale(self) -> Array:
@@ -299,7 +299,7 @@ class GuardsAtStart(GuardValues):
 
     @property
     def step_scale(self) -> Array:
-        """For guards that are no velocities the size of what they compare at the start, or what adds up if more."""
+        """For guards that are no velocities the size of what they compare at the start, or their majorant if more."""
         own = self.rows.forces
         return np.maximum(self.value_scale[own], self.majorant[0, own])
 
@@ -311,11 +311,11 @@ class GuardsAtStart(GuardValues):
         return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)
 
 
-def with_time(sizes: Array, changes: Array, t: float) -> Array:
-    """Return what adds up in Taylor coefficients, an order per row, with the roundoff of the time added.
+def with_time(majorants: Array, changes: Array, t: float) -> Array:
+    """Return majorants of Taylor coefficients, an order per row, with the roundoff of the time added.
 
-    `sizes` hold for an exact time. An error of the time changes each order by the next order of `changes`; so the
+    `majorants` hold for an exact time. An error of the time changes each order by the next order of `changes`; so the
     highest order is left out.
     """
-    late = TIME / ROUNDOFF * abs(t) * _ORDERS[: sizes.shape[0] - 1]
-    return np.asarray(sizes[:-1] + late * changes[1:])
+    late = TIME / ROUNDOFF * abs(t) * _ORDERS[: majorants.shape[0] - 1]
+    return np.asarray(majorants[:-1] + late * changes[1:])

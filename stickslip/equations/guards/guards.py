@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.floats import smallest_of
-from stickslip.equations.guards.at_start import AT_LIMIT, NEVER, ROUNDOFF, STRETCH_ROUNDOFF, GuardsAtStart
+from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
@@ -25,7 +25,7 @@ FULLY = 0.999
 # its level rises with the dwell.
 _IF_DWELLING = 1e-2
 
-_LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for what adds up in guards
+_LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for the majorants of guards
 
 _TINY = np.finfo(float).tiny
 
@@ -55,12 +55,12 @@ class Guards(GuardsAtStart):
         some = rows.without_size
         if some.size:
             # Stretches, and forces without a level, are compared with 0. At the start and at the end they may be 0
-            # themselves: what adds up in them along the path is their size.
+            # themselves: their majorant along the path is their size.
             size[self.is_border] = 0.0
-            size[some] = np.maximum(size[some], self._adds_up_along(path, q)[some])
+            size[some] = np.maximum(size[some], self._majorant_along(path, q)[some])
         if rows.has_normals and system.dependence is not None:
             # the states that a normal force depends on may be 0 at the start and at the end: their largest sizes count
-            pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
+            pressed = system.dependence.normal_majorants(np.abs(q), path.largest)
             size[self.is_normal] = pressed[self.row[self.is_normal]]
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         g = self._divided(g, tau)
@@ -82,8 +82,8 @@ class Guards(GuardsAtStart):
             found = int(np.where(self.order == NEVER, np.inf, np.abs(part) * passed**left).argmin())
         return np.asarray(np.arange(self.size) == found)
 
-    def _adds_up_along(self, path: Path, last: Array) -> Array:
-        """Return what adds up in the guards along a path that ends with the inputs `last`.
+    def _majorant_along(self, path: Path, last: Array) -> Array:
+        """Return majorants of the guards along a path that ends with the inputs `last`.
 
         Loads that are neither lines nor sines are sampled a few times on the way.
         """
@@ -95,7 +95,7 @@ class Guards(GuardsAtStart):
         if segment.has_sines:
             amplitudes = segment.amplitudes
             q[: amplitudes.size] += amplitudes
-        return self.rows.majorants(motion.equations.magnitudes(path.largest, q)[1], q)
+        return self.rows.majorants(motion.equations.majorants(path.largest, q)[1], q)
 
     def row_and_direction(self, i: int) -> tuple[int, int] | None:
         """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where no row does.
@@ -139,7 +139,7 @@ class Guards(GuardsAtStart):
                 settled[rows] += (rough[rows] / leads) ** (1.0 / k)
                 if k > 1:
                     # a slope that is roundoff may bring the guard below 0 again
-                    slope = STRETCH_ROUNDOFF * self.majorant[1, rows]
+                    slope = FINEST_ROUNDOFF * self.majorant[1, rows]
                     settled[rows] += (slope / leads) ** (1.0 / (k - 1))
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
@@ -174,15 +174,15 @@ class Guards(GuardsAtStart):
         leaves = self.is_velocity & (self.order > 0) & (tau <= self._roundoff[0])
         return np.asarray(self.row[leaves], dtype=np.intp)
 
-    def not_told(self, tau: float) -> Mask:
+    def is_roundoff_at(self, tau: float) -> Mask:
         """Tell which guards leave 0 at the start, and are still roundoff at a local time."""
-        return np.asarray(tau <= self.each_told)
+        return np.asarray(tau <= self.each_roundoff_until)
 
     def roundoff_until(self, rows: Indices) -> Array:
         """Return the local times until which velocities of some rows that leave 0 are roundoff, -1 for all others."""
         found = np.full(self.motion.system.m, -1.0)
         leaves = self.is_velocity & self._leaves
-        found[self.row[leaves]] = self.each_told[leaves]
+        found[self.row[leaves]] = self.each_roundoff_until[leaves]
         return np.asarray(found[rows])
 
     @cached_property
@@ -221,14 +221,14 @@ class Guards(GuardsAtStart):
         found[sticks] = np.minimum(uncertain, np.maximum(least, beyond))
         return found
 
-    def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
+    def values(self, tau: float | Array, y: Array, with_leeway: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
-        If `late`, the leeway is added: velocities are negative only once they have passed 0.
+        If `with_leeway`, the leeway is added: velocities are negative only once they have passed 0.
         """
         q = self.motion.inputs(tau, y, self._wanted)
         g = self.raw(self.motion.watched(tau, y, q), q)
-        if late and self.velocity_uncertainty is not None:
+        if with_leeway and self.velocity_uncertainty is not None:
             g += like(self.leeway, g)
         return self._divided(g, tau)
 
@@ -247,9 +247,9 @@ class Guards(GuardsAtStart):
             rest = g[rows] - like(start[0, rows], g)
             if k == 2:
                 rest -= tau * like(self._falls, g)
-            told = tau > like(settled[rows], g)
+            known = tau > like(settled[rows], g)
             lead = like(np.maximum(start[k, rows], _TINY), g)
-            g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
+            g[rows] = np.where(known, rest / np.where(known, tau, 1.0) ** k, lead)
         return g
 
     def undivided(self, taus: Array, y: Array) -> Array:
@@ -339,8 +339,8 @@ class Guards(GuardsAtStart):
         """Return the smallest guard at a state, with the leeway of velocities added."""
         if not self.size:
             return math.inf
-        if tau <= self.told:
-            return float(self.values(tau, y, late=True).min())
+        if tau <= self.any_roundoff_until:
+            return float(self.values(tau, y, with_leeway=True).min())
         # zeros at the start are behind: dividing by a power of the time would change no sign
         if self.in_floats is not None:
             return self.in_floats(tau, y)
@@ -357,7 +357,7 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
-        """What `smallest` returns for a small motion after the time `told`, in plain floats; None for others."""
+        """What `smallest` returns for a small motion after `any_roundoff_until`, in plain floats; None for others."""
         sums, rows = self.motion.sums, self.rows
         if sums is None or not self.size:
             return None
@@ -372,12 +372,12 @@ class Guards(GuardsAtStart):
         return smallest_of(found, sums.columns.terms)
 
     @cached_property
-    def told(self) -> float:
+    def any_roundoff_until(self) -> float:
         """Local time until which the sign of some guard that leaves 0 is roundoff; -1 if no guard leaves 0."""
-        return float(self.each_told.max(initial=-1.0))
+        return float(self.each_roundoff_until.max(initial=-1.0))
 
     @cached_property
-    def each_told(self) -> Array:
+    def each_roundoff_until(self) -> Array:
         """Local time until which the sign of each guard is roundoff, -1 for guards that do not leave 0."""
         return np.where(self._leaves, self._roundoff[0], -1.0) if self._leaves.any() else np.full(self.size, -1.0)
 

@@ -1,4 +1,4 @@
-"""The inputs that depend on the state, evaluated: values, slopes, Taylor coefficients and what adds up in them."""
+"""The inputs that depend on the state, evaluated: values, slopes, Taylor coefficients and majorants."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stickslip.equations.loads.loads import TableRegions
 from stickslip.equations.loads.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
-_CANCELLED = 1e-14  # part of what adds up in a sum below which it is roundoff
+_CANCELLED = 1e-14  # part of its majorant below which a sum is roundoff
 _KEPT = 16  # values of a function that are remembered: the solver and its guards ask for the same ones
 
 # The friction force of a row, 0 where it is held, from its number, its relative velocity and normal force, the local
@@ -26,9 +26,9 @@ Friction = Callable[[int, float, float, float, Sequence[float]], float]
 
 @dataclass(frozen=True)
 class Forms:
-    """Linear forms as small arrays: ``S y[columns] + P q[places]``."""
+    """Linear forms as small arrays: ``S y[states] + P q[places]``."""
 
-    columns: Indices
+    states: Indices
     S: Array
     places: Indices
     P: Array
@@ -36,28 +36,28 @@ class Forms:
     @classmethod
     def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> Forms:
         """Return forms as arrays; `place` tells where an input stands."""
-        columns = sorted({i for form in forms for i in form.states})
+        states = sorted({i for form in forms for i in form.states})
         places = sorted({place(key) for form in forms for key in form.inputs})
-        S, P = np.zeros((len(forms), len(columns))), np.zeros((len(forms), len(places)))
+        S, P = np.zeros((len(forms), len(states))), np.zeros((len(forms), len(places)))
         for k, form in enumerate(forms):
             for i, c in form.states.items():
-                S[k, columns.index(i)] += c
+                S[k, states.index(i)] += c
             for key, c in form.inputs.items():
                 P[k, places.index(place(key))] += c
-        return cls(np.array(columns, dtype=np.intp), S, np.array(places, dtype=np.intp), P)
+        return cls(np.array(states, dtype=np.intp), S, np.array(places, dtype=np.intp), P)
 
     def at(self, y: Array, q: Array) -> Array:
         """Return the values of the forms, columns where `y` and `q` have columns."""
-        return self.S @ y[self.columns] + self.P @ q[self.places]
+        return self.S @ y[self.states] + self.P @ q[self.places]
 
-    def sizes(self, y: Array, q: Array) -> Array:
-        """Return what adds up in the forms."""
-        return np.asarray(np.abs(self.S) @ np.abs(y[self.columns]) + np.abs(self.P) @ np.abs(q[self.places]))
+    def majorants(self, y: Array, q: Array) -> Array:
+        """Return the majorants of the forms."""
+        return np.asarray(np.abs(self.S) @ np.abs(y[self.states]) + np.abs(self.P) @ np.abs(q[self.places]))
 
-    def slopes(self, columns: Indices, q_by_y: Array) -> Array:
+    def slopes(self, states: Indices, q_by_y: Array) -> Array:
         """Return the derivatives with respect to some states, from those of the inputs."""
         found = self.P @ q_by_y[self.places]
-        found[:, np.searchsorted(columns, self.columns)] += self.S
+        found[:, np.searchsorted(states, self.states)] += self.S
         return found
 
 
@@ -74,7 +74,7 @@ class Dependence:
         The nodes that are tables.
     places, rows : array of int
         The inputs that depend on the state, and the rows among them: those whose normal forces do.
-    columns : array of int
+    states : array of int
         The states on which these inputs depend.
     width : int
         How many inputs are values of functions.
@@ -99,7 +99,7 @@ class Dependence:
         self.rows = np.array(sorted(normals), dtype=np.intp)
         self._normals = Forms.of([normals[j] for j in sorted(normals)], place)
         parts = [*self.arguments, self._normals]
-        self.columns = np.unique(np.concatenate([forms.columns for forms in parts]))
+        self.states = np.unique(np.concatenate([forms.states for forms in parts]))
         tables = {k: node.table for k, node in enumerate(nodes) if node.table is not None}
         self.tables = list(tables)
         self._lines = {k: np.array(table.lines) for k, table in tables.items()}
@@ -137,9 +137,9 @@ class Dependence:
         found = [self.arguments[k].at(y, q)[0] for k in self.tables]
         return np.array(found).reshape(len(found), *y.shape[1:])
 
-    def adds_up(self, q: Array, y: Array) -> Array:
-        """Return what adds up in the argument of each table, from inputs that have been filled."""
-        return np.array([self.arguments[k].sizes(np.abs(y), np.abs(q))[0] for k in self.tables])
+    def argument_majorants(self, q: Array, y: Array) -> Array:
+        """Return the majorant of the argument of each table, from inputs that have been filled."""
+        return np.array([self.arguments[k].majorants(np.abs(y), np.abs(q))[0] for k in self.tables])
 
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""
@@ -163,7 +163,7 @@ class Dependence:
 
         def enter(place: int, forms: Forms, line: int, slope: float) -> None:
             found = rows.setdefault(place, {})
-            for column, c in zip(forms.columns.tolist(), np.abs(forms.S[line]).tolist(), strict=True):
+            for column, c in zip(forms.states.tolist(), np.abs(forms.S[line]).tolist(), strict=True):
                 found[column] = found.get(column, 0.0) + slope * c
             for other, c in zip(forms.places.tolist(), np.abs(forms.P[line]).tolist(), strict=True):
                 for column, of_other in rows.get(other, {}).items():
@@ -179,8 +179,8 @@ class Dependence:
 
     def pattern(self, inputs: int) -> Array:
         """Return numbers where derivatives may differ from 0: random ones, so that none cancel."""
-        found = np.zeros((inputs, self.columns.size))
-        found[self.places] = np.random.default_rng(0).uniform(1.0, 2.0, (self.places.size, self.columns.size))
+        found = np.zeros((inputs, self.states.size))
+        found[self.places] = np.random.default_rng(0).uniform(1.0, 2.0, (self.places.size, self.states.size))
         return found
 
     def forget(self) -> None:
@@ -204,7 +204,7 @@ class Dependence:
         try:
             found = node.values(t, arguments)
         except ValueError as error:
-            raise ValueError(_told(node, error, t, arguments)) from error
+            raise ValueError(_error_message(node, error, t, arguments)) from error
         if len(known) >= _KEPT:
             known.pop(next(iter(known)), None)
         known[key] = found
@@ -304,51 +304,51 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def sizes_of_tables(self, q: Array, y: Array) -> Array:
-        """Return what adds up in inputs `q`, in place: in a table no less than in its argument, by its slope."""
+    def enter_table_majorants(self, q: Array, y: Array) -> Array:
+        """Make the majorants `q` of inputs, in place, no less in a table than in its argument, by its slope."""
         for k in self.tables:
             steepest = np.abs(self._lines[k][:, 1]).max()
-            q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].sizes(y, q))
+            q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].majorants(y, q))
         return q
 
-    def add_sizes(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
-        """Add what adds up in the inputs, in place.
+    def add_majorants(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
+        """Add the majorants of the inputs, in place.
 
         `slopes` are the derivatives of functions with respect to their arguments, None where all are tables, and
         `values` the inputs themselves, None for their rates.
         """
         for k, (forms, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
-            sizes = forms.sizes(y, q)
+            sizes = forms.majorants(y, q)
             if slopes is not None:
-                # what adds up within a function is not known: no less than its value
+                # the majorant of a function is not known: no less than its value
                 q[own] += np.abs(slopes[k]) @ sizes + (0.0 if values is None else np.abs(values[own]))
                 continue
             offset, slope = np.abs(self._lines[k]).max(axis=0)
             q[own] += slope * sizes + (0.0 if values is None else offset)
         if self.rows.size:
-            q[self.rows] += self._normals.sizes(y, q)
+            q[self.rows] += self._normals.majorants(y, q)
 
     def cancelled(self, q: Array, y: Array) -> Indices:
         """Return the rows whose normal forces are sums that cancel, but for roundoff."""
         own = self._normals.at(y, q)
-        sizes = self.normal_sizes(np.abs(q), np.abs(y))[self.rows] + np.abs(q[self.rows] - own)
+        sizes = self.normal_majorants(np.abs(q), np.abs(y))[self.rows] + np.abs(q[self.rows] - own)
         return np.asarray(self.rows[np.abs(q[self.rows]) <= _CANCELLED * sizes])
 
-    def normal_sizes(self, q: Array, y: Array) -> Array:
-        """Return what sizes of inputs and states add up to in normal forces that depend on them; 0 for others."""
+    def normal_majorants(self, q: Array, y: Array) -> Array:
+        """Return majorants of normal forces that depend on the state, from those of inputs and states; 0 for others."""
         found = np.zeros(q.size)
         if self.rows.size:
-            found[self.rows] = self._normals.sizes(y, q)
+            found[self.rows] = self._normals.majorants(y, q)
         return found
 
-    def sizes_looked_up(self, y: Array, inputs: int) -> Array:
-        """Return what states of some sizes add up to in the arguments of tables, functions left out."""
+    def argument_majorants_of_states(self, y: Array, inputs: int) -> Array:
+        """Return majorants of the arguments of tables, from those of the states; functions are left out."""
         q, slopes = np.zeros(inputs), []
         for k, node in enumerate(self.nodes):
             steepest = np.abs(self._lines[k][:, 1]).max() if k in self._lines else 0.0
             slopes.append(np.full((node.width, len(node.arguments)), steepest))
-        self.add_sizes(q, y, slopes, None)
-        return self.adds_up(q, y)
+        self.add_majorants(q, y, slopes, None)
+        return self.argument_majorants(q, y)
 
     def add_changes(self, q: Array, y: Array, slopes: Sequence[Array]) -> None:
         """Add the changes of the inputs that depend on the state, in place, to changes of the other inputs.
@@ -363,15 +363,15 @@ class Dependence:
     def slopes(
         self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> Array:
-        """Return the derivatives of the inputs with respect to the states `columns`."""
-        found = np.zeros((q.size, self.columns.size))
+        """Return the derivatives of the inputs with respect to `states`."""
+        found = np.zeros((q.size, self.states.size))
         # derivatives that overflow are noticed where rates are computed
         with np.errstate(over="ignore", invalid="ignore"):
             by_arguments = self.slopes_by_arguments(q, y, t, tau, friction, regions)
             for slopes, forms, own in zip(by_arguments, self.arguments, self._ranges, strict=True):
-                found[own] = slopes @ forms.slopes(self.columns, found)
+                found[own] = slopes @ forms.slopes(self.states, found)
             if self.rows.size:
-                found[self.rows] += self._normals.slopes(self.columns, found)
+                found[self.rows] += self._normals.slopes(self.states, found)
         return found
 
     def slopes_by_arguments(
@@ -387,7 +387,7 @@ class Dependence:
                 try:
                     found.append(node.given(t, arguments))
                 except ValueError as error:
-                    raise ValueError(_told(node, error, t, arguments.tolist())) from error
+                    raise ValueError(_error_message(node, error, t, arguments.tolist())) from error
             elif node.row < 0:
 
                 def function(x: Array, number: int = number) -> Array:
@@ -403,7 +403,7 @@ class Dependence:
         return found
 
 
-def _told(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -> str:
+def _error_message(node: Node, error: ValueError, t: float, arguments: Sequence[float]) -> str:
     """Return the message about an error of a function, with its element, time and arguments."""
     given = ", ".join(f"{x:.9g}" for x in arguments)
     return f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})"

@@ -33,7 +33,7 @@ class Drives:
         u, d = self.velocity[numbers], t - self.since
         found = self.start[numbers, None] + d * (u[:, :1] + 0.5 * d * u[:, 1:])
         for k, drive in enumerate(self.sines.entry.tolist()):
-            found[numbers == drive] += self.sines.some(np.array([k])).gone(self.since, t)
+            found[numbers == drive] += self.sines.some(np.array([k])).integrals(self.since, t)
         return np.asarray(found)
 
     def moved(self, numbers: Indices, t: float, step: float, order: int) -> Array:
@@ -41,7 +41,7 @@ class Drives:
         u, found = self.velocity[numbers], np.zeros((numbers.size, order + 1))
         found[:, 1] = step * (u[:, 0] + (t - self.since) * u[:, 1])
         found[:, 2] = 0.5 * step * step * u[:, 1]
-        gone = self.sines.taylor_of_gone(self.since, t, order, step)
+        integrals = self.sines.taylor_of_integrals(self.since, t, order, step)
         for k, drive in enumerate(self.sines.entry.tolist()):
-            found[numbers == drive, 1:] += gone[1:, k]
+            found[numbers == drive, 1:] += integrals[1:, k]
         return found

@@ -296,8 +296,8 @@ class Segment:
         angle, amplitude = self.sines.angle(t), self.sines.amplitude
         return np.concatenate([amplitude * np.sin(angle), amplitude * np.cos(angle)])
 
-    def magnitudes(self, t: float, order: int) -> Array:
-        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""
+    def majorants(self, t: float, order: int) -> Array:
+        """Return majorants of the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""
         found = np.zeros((order + 1, self.value.size))
         found[0], found[1] = np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)
         if self.has_sines:

@@ -26,9 +26,9 @@ Key = tuple[str, int, int]  # kind of an input, its number, and for functions wh
 # the step, it is `_FINE` of the argument.
 _STEP, _SMALL, _FINE = 1e-5, 1e-3, 1e-4
 
-# The finer step is taken for arguments above `_TINY`, if the value changes by more than roundoff, `_TOLD` of the value,
-# and the slope differs from that over the larger step by more than `_BENDS` of the slope.
-_TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-6
+# The finer step is taken for arguments above `_TINY`, if the value changes by more than roundoff, `_CHANGED` of the
+# value, and the slope differs from that over the larger step by more than `_BENDS` of the slope.
+_TINY, _CHANGED, _BENDS = 1e-100, 1e-8, 1e-6
 
 
 @dataclass
@@ -101,7 +101,7 @@ def differences(function: Callable[[Array], Array], arguments: Array, value: Arr
         if _TINY < size < step / _FINE:
             fine, change = along(k, _FINE * size)
             bends = np.abs(fine - found[:, k]) > _BENDS * np.abs(fine)
-            found[:, k] = np.where(bends & (change > _TOLD * np.abs(value)), fine, found[:, k])
+            found[:, k] = np.where(bends & (change > _CHANGED * np.abs(value)), fine, found[:, k])
     return found
 
 

@@ -61,16 +61,16 @@ class Sines:
         """Return some of them."""
         return Sines(self.entry[places], *self.numbers[:, places])
 
-    def gone(self, start: float, t: float | Array) -> Array:
+    def integrals(self, start: float, t: float | Array) -> Array:
         """Return their integrals from `start` to `t`: a number for each, or for one of them at many times."""
         # one product, no difference: the integrals of slow sines are large, and would cancel
         half = math.pi * np.fmod(self.frequency * (t - start), 2.0)
         return np.asarray(self.amplitude / math.pi * np.sin(half) / self.frequency * np.sin(self.angle(start) + half))
 
-    def taylor_of_gone(self, start: float, t: float, order: int, scale: float) -> Array:
-        """Return the Taylor coefficients of `gone` at `t`, scaled as in `taylor`."""
+    def taylor_of_integrals(self, start: float, t: float, order: int, scale: float) -> Array:
+        """Return the Taylor coefficients of `integrals` at `t`, scaled as in `taylor`."""
         found = np.empty((order + 1, self.frequency.size))
-        found[0] = self.gone(start, t)
+        found[0] = self.integrals(start, t)
         found[1:] = self.taylor(t, order - 1, scale) * (scale / np.arange(1.0, order + 1.0)[:, None])
         return found
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.model.signals import Constant, Function, PiecewiseLinear, Signal, Sine, Sum
 
-_ROUGH = 1e-12  # part of what adds up in a sum below which it is roundoff
+_ROUGH = 1e-12  # part of the majorant of a sum below which it is roundoff
 _MOST = 30  # signals that others are compared with, at the most
 _Atoms = dict[Hashable, float]
 

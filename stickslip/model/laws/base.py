@@ -87,7 +87,7 @@ class Kernel:
         """Return the derivatives of the forces with respect to `w`, at fixed states `z`."""
         raise NotImplementedError
 
-    def left_out(self, w: Array, normal: Array) -> Array:
+    def slope_cut(self, w: Array, normal: Array) -> Array:
         """Return the true derivatives minus `slopes`, where those are flatter than the true ones to help a solver."""
         return np.zeros_like(w)
 

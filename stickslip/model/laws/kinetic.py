@@ -12,7 +12,7 @@ from stickslip.model.arrays import Array, Mask
 from stickslip.model.laws.base import Kernel
 
 _UNDERFLOW = 745.0
-_BESIDE = 1e-100  # part of the Stribeck velocity at which a curve has the slope that it has just beside rest
+_NEXT_TO_REST = 1e-100  # part of the Stribeck velocity at which a curve has the slope that it has just beside rest
 
 # Part of the Stribeck velocity below which `Kinetic.slope` of a curve of infinite slope at rest no longer grows.
 _STEEPEST = 1e-3
@@ -37,7 +37,7 @@ class Kinetic:
         self.exponent = np.array([c.stribeck_exponent for c in curves])
         # beyond this speed the exponential is 0; the speed is limited to it, because the power may overflow
         with np.errstate(over="ignore"):
-            self._gone = self._velocity * _UNDERFLOW ** (1.0 / self.exponent)
+            self._speed_limit = self._velocity * _UNDERFLOW ** (1.0 / self.exponent)
         self._steepest = np.where(self.exponent < 1, _STEEPEST * self._velocity, 0.0)
         self._isotropic = all(np.array_equal(x[0], x[1]) for x in (level, fall))
         self._bent, self._is_square = bool(fall.any()), bool((self.exponent == 2).all())
@@ -49,9 +49,9 @@ class Kinetic:
         """Return the coefficients at `w` (k,) or (k, times)."""
         mu = self._of_side(self._level, w)
         if self._bent:
-            columns = self._gone, self._velocity, self.exponent
-            gone, velocity, exponent = columns if w.ndim == 1 else (x[:, None] for x in columns)
-            ratio = np.minimum(np.abs(w), gone) / velocity
+            columns = self._speed_limit, self._velocity, self.exponent
+            speed_limit, velocity, exponent = columns if w.ndim == 1 else (x[:, None] for x in columns)
+            ratio = np.minimum(np.abs(w), speed_limit) / velocity
             power = ratio * ratio if self._is_square else ratio**exponent
             mu = mu + self._of_side(self._fall, w) * np.exp(-power)
         if self._functions:
@@ -70,8 +70,8 @@ class Kinetic:
             return self._functions[row]
         if fall == 0:
             return lambda speed: level
-        gone, velocity, exponent = (float(x[row]) for x in (self._gone, self._velocity, self.exponent))
-        return lambda speed: level + fall * math.exp(-((min(speed, gone) / velocity) ** exponent))
+        speed_limit, velocity, exponent = (float(x[row]) for x in (self._speed_limit, self._velocity, self.exponent))
+        return lambda speed: level + fall * math.exp(-((min(speed, speed_limit) / velocity) ** exponent))
 
     def slope(self, w: Array) -> Array:
         """Return the derivatives with respect to speed at `w` (k,), limited near rest to help a solver.
@@ -81,9 +81,9 @@ class Kinetic:
         """
         return self._slope(w, self._steepest)
 
-    def left_out(self, w: Array) -> Array:
+    def slope_cut(self, w: Array) -> Array:
         """Return the true derivatives minus `slope` at `w` (k,); at 0 the true one is that just beside 0, if finite."""
-        beside = np.where((w == 0) & (self.exponent >= 1), _BESIDE * self._velocity, w)
+        beside = np.where((w == 0) & (self.exponent >= 1), _NEXT_TO_REST * self._velocity, w)
         if not ((self._steepest > np.abs(w)) | (beside != w)).any():
             return np.zeros_like(w)
         return self._slope(beside, np.zeros_like(self._steepest)) - self.slope(w)
@@ -91,7 +91,7 @@ class Kinetic:
     def _slope(self, w: Array, steepest: Array) -> Array:
         slope = np.zeros_like(w)
         if self._bent:
-            ratio = np.clip(np.abs(w), steepest, self._gone) / self._velocity
+            ratio = np.clip(np.abs(w), steepest, self._speed_limit) / self._velocity
             moving = w != 0
             ratio[~moving] = 1.0
             power = ratio**self.exponent
@@ -157,9 +157,9 @@ class Slipping(Kernel):
         """Return the derivatives with respect to `w`."""
         return self._mu.slope(self._speed(w)) * normal
 
-    def left_out(self, w: Array, normal: Array) -> Array:
+    def slope_cut(self, w: Array, normal: Array) -> Array:
         """Return the true derivatives minus `slopes`."""
-        return self._mu.left_out(self._speed(w)) * normal
+        return self._mu.slope_cut(self._speed(w)) * normal
 
     def _speed(self, w: Array) -> Array:
         speed = self._sign * w

@@ -17,7 +17,7 @@ _TINY = 1e-300
 # Part of its largest value below which a normal force is nearly 0, and the number of times at which that is sought.
 NEARLY_OPEN, _SAMPLES = 1e-4, 101
 
-FASTEST = 1e12  # bristles relax at most at this rate in 1/s, also where the normal force vanishes
+MAX_RATE = 1e12  # bristles relax at most at this rate in 1/s, also where the normal force vanishes
 
 
 class _Bristles(Kernel):
@@ -40,7 +40,7 @@ class _Bristles(Kernel):
         def force_and_rate(w: float, normal: float, z: float) -> tuple[float, float]:
             push = stiffness * abs(w)
             level = (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0)
-            least = push / FASTEST + _TINY
+            least = push / MAX_RATE + _TINY
             # a velocity that is NaN gives a rate that is NaN
             rate = w - push / (level if level > least else least) * z
             return stiffness * z + damping * rate + viscous * w, rate
@@ -55,14 +55,14 @@ class _Bristles(Kernel):
 
     def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
         speed, g = np.abs(w), self._mu(w) * normal
-        free = g * FASTEST > self._stiffness * speed
-        g = np.where(free, g, 1.0)
-        by_speed = np.where(free, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
+        uncapped = g * MAX_RATE > self._stiffness * speed
+        g = np.where(uncapped, g, 1.0)
+        by_speed = np.where(uncapped, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
         return 1.0 - z * np.sign(w) * by_speed, -self.relaxation(w, normal)
 
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
-        free = self._mu(w) * normal * FASTEST > self._stiffness * np.abs(w)
-        rate = np.where(free, self.relaxation(w, normal) * z / np.where(free, normal, 1.0), 0.0)
+        uncapped = self._mu(w) * normal * MAX_RATE > self._stiffness * np.abs(w)
+        rate = np.where(uncapped, self.relaxation(w, normal) * z / np.where(uncapped, normal, 1.0), 0.0)
         return np.asarray(self._damping * rate), rate
 
     def by_state(self, w: Array, normal: Array, z: Array) -> Array:
@@ -71,7 +71,7 @@ class _Bristles(Kernel):
     def relaxation(self, w: Array, normal: Array) -> Array:
         """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
         push = like(self._stiffness, w) * np.abs(w)
-        return np.asarray(push / np.maximum(self._mu(w) * normal, push / FASTEST + _TINY))
+        return np.asarray(push / np.maximum(self._mu(w) * normal, push / MAX_RATE + _TINY))
 
 
 class BristleLaw(Law):

@@ -86,11 +86,11 @@ class VelocityDependentForces:
             d[rows] = kernel.slopes(w[rows], normal[rows], lag[rows], z[own])
         return d
 
-    def left_out(self, w: Array, normal: Array) -> Array:
+    def slope_cut(self, w: Array, normal: Array) -> Array:
         """Return the true derivatives minus `slopes`, where those are flatter than the true ones to help a solver."""
         d = np.empty_like(w)
         for rows, _, kernel in self._parts:
-            d[rows] = kernel.left_out(w[rows], normal[rows])
+            d[rows] = kernel.slope_cut(w[rows], normal[rows])
         return d
 
     def bristle_rates(self, w: Array, normal: Array, z: Array) -> Array:

@@ -100,7 +100,7 @@ def read_positions(system: System) -> Array:
         lines += [dense(one)[:, places] for one in (system.piecewise.value_y, system.piecewise.border_y)]
     if system.dependence is not None:
         every = np.eye(system.first_bristle - system.n)
-        read = np.intersect1d(system.dependence.columns, np.arange(system.n, system.first_bristle))
+        read = np.intersect1d(system.dependence.states, np.arange(system.n, system.first_bristle))
         lines.append(every[read - system.n])
     block = np.concatenate(lines)
     if not block.size:

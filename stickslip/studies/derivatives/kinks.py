@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import scipy
 
-from stickslip.equations.balance import joined
+from stickslip.equations.balance import component_numbers
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Search
@@ -245,7 +245,7 @@ def _ties(
 
     y, ratio = held.exact(0.0, held.y), force[over] / level[over]
     slopes = nearby.slopes_at(ratios, held, since, 0.0, y, S) + np.outer(nearby.falls(ratios, held, 0.0, y), times)
-    part = joined(system.G[guards.row[over]])
+    part = component_numbers(system.G[guards.row[over]])
     for number_of_part in np.unique(part).tolist():
         mine = (part == number_of_part).nonzero()[0]
         tied = mine[ratio[mine] >= ratio[mine].max() * (1 - _TOUCH)]

@@ -81,7 +81,7 @@ class SteepPath:
         z, slopes = np.empty((0, rows.size)), []
         for part in (_NEAR, _NEARER):
             w = sign * part * bend
-            slopes.append(np.abs(equations.law.slopes(w, none + 1.0, none, z) + equations.law.left_out(w, none + 1.0)))
+            slopes.append(np.abs(equations.law.slopes(w, none + 1.0, none, z) + equations.law.slope_cut(w, none + 1.0)))
         growth = slopes[1] / np.where(slopes[0] > 0, slopes[0], np.inf)
         is_steep = growth > _STEEPER
         return rows[is_steep], growth[is_steep]

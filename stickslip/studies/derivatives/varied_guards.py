@@ -76,8 +76,8 @@ class VariedGuards:
             pace = np.abs(self._motion.rate(float(path.taus[-1]), path.last))
             pace[system.moved_state] = largest[system.moved]
             size, slopes = size.copy(), slopes.copy()
-            size[guards.is_border] = equations.border_magnitudes(largest, q)
-            slopes[guards.is_border] = equations.border_magnitudes(pace, np.zeros_like(q))
+            size[guards.is_border] = equations.border_majorants(largest, q)
+            slopes[guards.is_border] = equations.border_majorants(pace, np.zeros_like(q))
         return size, slopes
 
     def moving(self, some: Indices, slopes: Array) -> list[tuple[int, int]]:
@@ -197,7 +197,7 @@ class VariedGuards:
             return np.inf
         speeds = np.zeros(system.size)
         speeds[system.moved_state] = self._nearby.state_sizes[0]
-        most = self._motion.equations.border_magnitudes(speeds, np.zeros(system.inputs))
+        most = self._motion.equations.border_majorants(speeds, np.zeros(system.inputs))
         return float(speed / most[np.count_nonzero(guards.is_border[:i])])
 
     def falls(self, tau: float, y: Array) -> Array:
