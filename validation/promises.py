@@ -15,7 +15,7 @@ from validation.tried import try_each
 SCENES = range(900, 910)  # random scenes that no other row runs
 ASKED = (1e-1, 1e-3, 1e-5)
 BUDGET = 20.0
-POINTS = 3001  # the study itself looks at 1001 times
+POINTS = 3001  # the study itself looks at 1001 times, beside events and within steps
 
 
 def _broken(number: int) -> float:

@@ -25,7 +25,7 @@ from stickslip import (
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws import PreSlip
-from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
+from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, _velocity_error, tradeoff
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 from stickslip.studies.work_precision import WorkPrecision, WorkRow
 
@@ -170,7 +170,8 @@ def test_the_text_of_a_call_does_what_the_call_does():
 
 @pytest.mark.slow
 def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(benchmark):
-    assert benchmark.limit < 1e-12
+    # within its first steps after the kink of the load at 0.5 s the other reference, Adams at 1e-12, is 3e-12 off
+    assert benchmark.limit < 1e-11
     (exact,) = [r for r in benchmark.work.rows if r.family == "contact-force, series"]
     assert exact.failure is None and exact.error == benchmark.limit
     stepped = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
@@ -181,6 +182,16 @@ def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(ben
     # the last one is the tightest
     assert stepped[-1].error < 1e-9
     assert all(r.error >= benchmark.limit for r in benchmark.work.rows if r.failure is None)
+
+
+def test_errors_of_the_first_short_steps_after_an_event_are_seen() -> None:
+    """Adams errs most 0.3 ms after the breakaway at 0.473 s, between two of 1001 even times."""
+    scene, span = flywheel_benchmark(), BENCHMARK_SPAN
+    found, reference = simulate(scene, span, method="Adams", rtol=0.03), simulate(scene, span)
+    times = np.linspace(*span, 200_001)
+    worst = float(np.abs(found(times) - reference(times))[:2].max())
+    assert worst > 5e-6
+    assert _velocity_error(scene, span)(found, reference) == pytest.approx(worst, rel=0.05)
 
 
 @pytest.mark.slow
