@@ -272,7 +272,7 @@ def _velocity_error(scene: Scene, span: tuple[float, float]) -> Error:
 
 
 def _middles(result: Result) -> Array:
-    """Return the middles of about `_TIMES` steps at most: just after an event errors last for a few short steps only."""
+    """Return the middles of `_TIMES` steps or so: just after an event errors last for a few short steps only."""
     trajectory = result.trajectory
     if trajectory.is_patchwork:
         # it is exact
