@@ -253,7 +253,8 @@ def _numbers(thing: Any, name: str) -> str:
     """Return names of numbers inside a thing, as the end of a message."""
     if not is_dataclass(thing):
         return ""
-    inside = [f"'{name}.{one}'" for one in _names_in(thing) if one not in ("name", "a", "b", "body")]
+    values = {one: getattr(thing, one) for one in _names_in(thing)}
+    inside = [f"'{name}.{one}'" for one, x in values.items() if isinstance(x, int | float) and not isinstance(x, bool)]
     return f", such as {', '.join(inside[:8])}" if inside else ""
 
 
