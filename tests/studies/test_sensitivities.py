@@ -322,6 +322,51 @@ def test_a_feedback_that_is_a_spring_changes_no_derivative_where_friction_is_ste
     assert found[1].position("m") == pytest.approx(found[0].position("m"), rel=1e-6)
 
 
+def test_a_slow_ramp_lets_go_a_contact_whose_friction_is_steep_at_rest() -> None:
+    """``w' = a t + 0.3 (1 - exp(-(w / 0.2)^(1/2)))`` from the breakaway at 0.7 / a on, solved for ``u = w^(1/2)``.
+
+    There ``2 u u' = a t + 0.3 (1 - exp(-u / 0.2^(1/2)))``, and u begins as k t with ``2 k^2 = a + 0.3 k / 0.2^(1/2)``.
+    """
+
+    def last(a: float) -> float:
+        c = 0.3 / math.sqrt(0.2)
+        k, begin = (c + math.sqrt(c * c + 8 * a)) / 4, 1e-9
+
+        def rate(t: float, u: np.ndarray) -> np.ndarray:
+            return np.asarray((a * t - 0.3 * np.expm1(-u / math.sqrt(0.2))) / (2 * u))
+
+        span = begin, 36.0 - 0.7 / a
+        return float(solve_ivp(rate, span, [k * begin], method="DOP853", rtol=1e-13, atol=1e-16).y[0, -1]) ** 2
+
+    law = DryFriction(0.7, 0.4, stribeck_velocity=0.2, stribeck_exponent=0.5)
+    ramp = Force("m", piecewise_linear([0.0, 100.0], [0.0, 2.0]))
+    scene = Scene(Body("m", inertia=1.0), Contact("c", "m", GROUND, law, normal=1.0), ramp)
+    found = sensitivities(scene, (0.0, 36.0), ["forces[0].signal.scale"])
+    assert found.result.velocity("m")[-1] == pytest.approx(last(0.02), rel=1e-7)
+    h = 1e-5
+    wanted = (8 * (last(0.02 + h) - last(0.02 - h)) - last(0.02 + 2 * h) + last(0.02 - 2 * h)) / (12 * h)
+    assert found.reasons == () and found.velocity("m")[0] == pytest.approx(0.02 * wanted, rel=1e-5)
+
+
+def test_a_phase_that_only_shifts_the_time_shifts_all_impacts() -> None:
+    """Drive and body begin at rest: to first order a phase p of ``sin(2 pi f t + p)`` makes all impacts ``p / (2 pi f)`` earlier.
+
+    The velocity before an impact does not change with p, but for roundoff of two terms that cancel.
+    """
+    found = sensitivities(
+        Scene(
+            Body("m", inertia=1.0),
+            Drive("d", velocity=sine(1.0, 0.35)),
+            Spring("m", "d", stiffness=6.0, damping=0.2),
+            Stop("st", "m", GROUND, upper=0.5, restitution=0.8),
+        ),
+        (0.0, 6.0),
+        ["d.velocity.phase"],
+    )
+    assert found.reasons == () and len(found.result.events) == 4
+    assert found.events[:, 0] == pytest.approx([-1 / (2 * math.pi * 0.35)] * 4, rel=1e-9)
+
+
 @pytest.mark.slow
 def test_friction_that_falls_too_steeply_from_rest_has_no_derivative() -> None:
     """``w' = c w^d + k v t`` with d < 1/2: the first term outruns the second, which tells when it begins."""

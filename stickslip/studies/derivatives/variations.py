@@ -48,6 +48,7 @@ _STEEP = "friction falls so steeply from rest (a Stribeck exponent below 1/2) th
 _SMALL = 1e-3  # a change of a parameter by this part of its size must leave two such events apart
 _CONTINUOUS = 1e-12  # a load that changes at a break by no more than this part of itself does not jump
 _BENT = 0.05  # velocities whose second difference exceeds this part of the first one are not linear there
+_CANCELLED = 1e-9  # part of terms that cancel below which a derivative of a velocity is roundoff
 _JUMP = 1e-7  # part of the speeds by which velocities after a jump may differ from those expected
 
 
@@ -101,7 +102,7 @@ class Variation(Nearby):
         last = len(trajectory.pieces) - 1
         for number, piece in enumerate(trajectory.pieces):
             motion = self.motion_of(number)
-            taus, coefficients, is_steep = flow(self, piece, motion, S, since)
+            taus, coefficients, is_steep = flow(self, piece, motion, S, since, begin)
             until, end = np.full(self.count, np.inf), np.zeros(self.count)
             varied = VariedPiece(taus, coefficients, since, begin, end, until)
             self.pieces.append(varied)
@@ -268,7 +269,10 @@ class Variation(Nearby):
         path = piece.kept_path
         tau = float(path.taus[-1])
         after = self.motion_of(number + 1)
-        moved = S + np.outer(motion.rate(tau, path.last), times)
+        by_time = np.outer(motion.rate(tau, path.last), times)
+        moved = S + by_time
+        # where both terms cancel, what is left is roundoff
+        rough = _CANCELLED * (np.abs(S[:n]).max(axis=0) + np.abs(by_time[:n]).max(axis=0))
         # Karnopp's dead band sets the relative velocity to 0, even where the contact reverses at once
         turns = (system.laws.rests_below > 0) & (np.abs(piece.modes) == 1) & (following.modes == -piece.modes)
         held = ((following.modes == 0) & system.hard) | turns
@@ -285,7 +289,7 @@ class Variation(Nearby):
         found = moved.copy()
         for k in range(self.count):
             slope, differs = impact.along(moved[:n, k], times[k])
-            if differs > TIE * np.abs(slope).max(initial=0.0):
+            if differs > max(TIE * np.abs(slope).max(initial=0.0), rough[k]):
                 self._refuse(piece.stop, [(k, _HIT_TOGETHER)], times)
                 slope = np.full(n, np.nan)
             near = self._of_scene(k, impact, held, piece.t, following.t)

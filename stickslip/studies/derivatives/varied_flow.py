@@ -11,7 +11,7 @@ from stickslip.model.crossings import root_between
 from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 from stickslip.studies.derivatives.radau import STAGES, radau
-from stickslip.studies.derivatives.steep import SteepPath
+from stickslip.studies.derivatives.steep import SteepPath, least_change
 
 _ORDER = 20
 _REMAINDER = 1e-16
@@ -26,17 +26,23 @@ _LAST = 1e-6
 # A step ends before a turn by this part of itself: its last point has to lie on the same side as the others.
 _BEFORE_TURN = 1e-11
 
+_BY_TIME = 1e-4  # step of differences by the time, as a part of the motion
+
 _TINY = np.finfo(float).tiny
 
 
-def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
+def flow(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, begin: Array
+) -> tuple[Array, Array, bool]:
     """Return the ends of steps and the coefficients of S along a motion from its variations at the start.
 
-    Also return whether friction falls too steeply from rest.
+    The time at which it starts changes by `begin`. Also return whether friction falls too steeply from rest.
     """
     if piece.end <= 0:
         return np.zeros(1), np.zeros((0, 1, nearby.system.size, nearby.count)), False
-    return (_series if motion.is_linear else _collocated)(nearby, piece, motion, S, since)
+    if motion.is_linear:
+        return _series(nearby, piece, motion, S, since)
+    return _collocated(nearby, piece, motion, S, since, begin)
 
 
 def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
@@ -93,17 +99,27 @@ def _step_limit(c: Array) -> float:
     return limit
 
 
-def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
+def _collocated(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, begin: Array
+) -> tuple[Array, Array, bool]:
     """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
 
     Steps are joined as long as one polynomial represents S over all of them: its last coefficient shows that. Where
     bristles turn over, the slopes of the rates jump: a step ends there.
+
+    Where friction with an infinite slope lets a row go, S begins like the rate ``w'`` times the change of the time at
+    which it lets go, and errors of that die away as slowly. So the variations at fixed times since then are followed
+    at first, which are smooth: ``D = S + y' begin``, with ``D' = f_y D + f_p + f_t begin``.
     """
     size, count = nearby.system.size, nearby.count
     path = SteepPath(motion, piece.kept_path, float(nearby.state_sizes[0]), nearby.bend)
     nodes = radau()[0]
     turns = _turns(motion, path)
     steps = np.union1d(path.taus, turns)
+    begun_until = path.begun_until if begin.any() else 0.0
+    if begun_until:
+        turns = np.union1d(turns, begun_until)
+        S = S + np.outer(motion.rate(0.0, motion.y), begin)
     stops = np.append(np.searchsorted(steps, turns), steps.size - 1)
     ends, found = [0.0], []
     first, last, joined = 0, steps.size - 1, _JOINED
@@ -114,6 +130,9 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
         taus = (begins[:, None] + lengths[:, None] * nodes).ravel()
         y = path.at(taus)
         forcing = nearby.forcing(motion, since, taus, y)
+        has_begun = ends[-1] >= begun_until
+        if not has_begun:
+            forcing = forcing + _by_time(motion, piece.end, taus, y)[:, :, None] * begin
         forcing = np.moveaxis(forcing.reshape(size, lengths.size, nodes.size, count), 0, 2)
         roughest = 0.0
         for i, end in enumerate(edges[1:].tolist()):
@@ -125,11 +144,34 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
                 break
             first, S = end, following
             ends.append(float(steps[end]))
+            if not has_begun:
+                places = np.append(begins[i], taus[at])
+                c = c - np.einsum("ps,is,k->pik", radau()[2], motion.rate(places, path.at(places)), begin)
+                S = c.sum(axis=0) if ends[-1] >= begun_until else S
             found.append(c)
         # the last coefficient grows with the length to the power of its order
         factor = 0.9 * max(roughest, _LEAST) ** (-1.0 / STAGES)
         joined = min(max(int(joined * min(factor, _GROWTH)), 1), _JOINED)
     return np.array(ends), np.array(found), path.is_lost
+
+
+def _by_time(motion: Motion, end: float, taus: Array, y: Array) -> Array:
+    """Return the derivatives of the rates by the time, at fixed states and relative velocities.
+
+    Where drives accelerate, states are moved until the relative velocities of rows whose friction depends on them are
+    the same, and the effect of this shift is subtracted, as in `Nearby.forcing`.
+    """
+    h, rows, system = _BY_TIME * end, motion.equations.velocity_dependent, motion.system
+    w, found = system.relative_velocity(y, motion.loads(taus))[rows], np.zeros(y.shape)
+    shift = np.zeros(y.shape)
+    for k, weight in enumerate((-1.5, 2.0, -0.5)):
+        later = taus + k * h
+        change = least_change(motion.equations, rows, w - system.relative_velocity(y, motion.loads(later))[rows])
+        found += weight / h * motion.rate(later, y + change)
+        shift += weight / h * change
+    for i, tau in enumerate(taus.tolist()):
+        found[:, i] -= motion.jacobian(tau, y[:, i], true_slopes=True) @ shift[:, i]
+    return found
 
 
 def _turns(motion: Motion, path: SteepPath) -> Array:
