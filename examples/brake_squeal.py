@@ -35,7 +35,7 @@ def pad(mu: float, off: float = 0.0) -> Scene:
 
 
 def main(figure: Path) -> None:
-    """Tell onset and growth, and draw frequencies and growth rates over the coefficient."""
+    """Print onset and growth, and draw frequencies and growth rates over the coefficient."""
     onset = bisect(lambda mu: linearize(pad(mu)).eigenvalues[0].real - 1e-9, 0.1, 0.5, xtol=1e-15)
     print(f"squeal from mu = {onset:.9f}, exact {math.sqrt(3) / 6:.9f}")
     model = linearize(pad(0.32))

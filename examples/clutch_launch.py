@@ -33,7 +33,7 @@ def main(figure: Path) -> None:
     """Launch; print lock-up, heat and judder beside the matrix; draw speeds, torque and swing."""
     result = st.simulate(launch(), (0.0, 2.0), rtol=1e-8)
     print(f"locked at {result.events[0].t:.6f} s, heat {result.energy().contacts['clutch'][-1]:.1f} J")
-    f, rise = PRESS * FALL, 0.25  # of the clutch's torque with the slip, and of the map with the speed
+    f, rise = PRESS * FALL, 0.25  # slopes of the clutch's torque over the slip, and of the map over the speed
     matrix = np.array([[rise + f, -f, 0, 0], [-f, f - C, C, -K], [0, C, -C, K], [0, 1, -1, 0]])
     exact = max(np.linalg.eigvals(matrix / [[0.2], [0.05], [3.0], [1.0]]), key=lambda value: value.imag)
     fine = result.sample(np.linspace(0.15, 0.6, 20001))

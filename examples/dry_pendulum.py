@@ -19,14 +19,14 @@ WEIGHT, FRICTION, START = 9.81, 0.5, 3.0
 
 
 def next_turn(angle: float) -> float:
-    """Return where it turns next: the weight's work is what friction takes on the way."""
+    """Return the next turning angle: on the way there friction takes all the work of the weight."""
     side = 1 if angle > 0 else -1
     left = lambda x: WEIGHT * (cos(x) - cos(angle)) - FRICTION * abs(angle - x)  # noqa: E731
     return float(brentq(left, 0.0, -side * abs(angle), xtol=1e-15))
 
 
 def main(figure: Path) -> None:
-    """Let it swing until it rests; print where it turns; draw angle, and the swing in its plane of phases."""
+    """Let it swing until it rests; print where it turns; draw the angle, and the phase plane."""
     weight = feedback(lambda x: -WEIGHT * sin(x), position("bob"), derivatives=lambda x: -WEIGHT * cos(x))
     pivot = Contact("pivot", "bob", GROUND, DryFriction(FRICTION, FRICTION), normal=1.0)
     scene = Scene(Body("bob", inertia=1.0, position=START), pivot, Force("bob", weight), motion="rotation")

@@ -1,4 +1,4 @@
-"""What a noisy record of stick-slip tells about friction: static and kinetic coefficients, dwell, Stribeck velocity.
+"""Friction from a noisy record of stick-slip: static and kinetic coefficients, dwell time, Stribeck velocity.
 
 A block is pulled by a spring whose end moves slowly, then faster: it sticks for longer and for shorter times. Its
 velocity is "measured" with noise. The fit finds four numbers of the law, and how well each is determined.

@@ -1,4 +1,4 @@
-"""Calls of what is public, with arguments that are taken: what tests of wrong arguments change one by one."""
+"""Calls of all that is public, with valid arguments; tests of wrong arguments change these one by one."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ JOINED = join([RESULT])
 
 @dataclass(frozen=True)
 class Call:
-    """Something public, arguments that it takes, and which kinds of values else some of them may be."""
+    """A public callable, valid arguments, and which other kinds of values some arguments may have."""
 
     made: Callable[..., Any]
     given: dict[str, Any]

@@ -1,4 +1,4 @@
-"""Clocks that tell the work done instead of the time, so that no study depends on how fast the machine is."""
+"""Clocks that show the work done instead of the time, so that no study depends on how fast the machine is."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ tradeoff = importlib.import_module("stickslip.studies.tradeoff")
 
 
 def count_work(patch: pytest.MonkeyPatch) -> None:
-    """Let the clocks of both studies tell 10 us for each evaluation of the rates, and 1 ms for each run.
+    """Let the clocks of both studies go on by 10 us for each evaluation of the rates, and by 1 ms for each run.
 
-    A study tries each call and then measures it, here once: the measured run is the one tried, for it counts the same.
+    A study tries each call and then measures it, here once. The result of the trial serves for the measured run, whose
+    work is the same.
     """
     now = 0.0
     run = Call.run

@@ -1,4 +1,4 @@
-"""What holds for all tests: none leaves figures to the next, for pyplot warns of many."""
+"""Settings of all tests: no test leaves figures to the next, because pyplot warns of many."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Look for no garbage while tests are collected, nor later in what is: seconds, and nothing is freed."""
+    """Switch garbage collection off while pytest collects tests, and spare what it made: this saves seconds."""
     gc.disable()
     try:
         return (yield)
@@ -22,7 +22,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.fixture(autouse=True)
 def _closes_figures() -> Iterator[None]:
-    """Close what was drawn, where anything was."""
+    """Close all figures after each test."""
     yield
     if (pyplot := sys.modules.get("matplotlib.pyplot")) is not None:
         pyplot.close("all")

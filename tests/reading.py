@@ -1,4 +1,4 @@
-"""What many tests read of a result, and the scene that many of them simulate."""
+"""Functions by which many tests read a result, and the scene that many of them simulate."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ def told(result: Result) -> list[tuple[str, int, int]]:
 
 
 def times(result: Result) -> list[float]:
-    """Return when."""
+    """Return the times of all events."""
     return [e.t for e in result.events]

@@ -1,7 +1,7 @@
 """Whether the tests notice that the package is wrong: ``python tests/survivors.py 20`` tries 20 small changes of it.
 
-They are drawn from the syntax tree. Each is made in a scratch copy, against the tests that run the changed lines. What
-survives is a hole in the tests, or harmless.
+They are drawn from the syntax tree. Each is made in a scratch copy, against the tests that run the changed lines. A
+change that survives is a hole in the tests, or harmless.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ class Record:
     def tests_for(self, change: Change, limit: float) -> list[str]:
         """Return the tests that run the changed lines, the quickest first, as many as fit into `limit` seconds.
 
-        What stands outside of functions is run on import: tests that run any of the same file watch it. Of code that
-        only other processes run, all tests are asked, those first that name the file.
+        Code outside of functions runs on import: all tests that run lines of the same file are taken. For code that
+        only other processes run, all tests are taken, those first that name the file.
         """
         chosen = [name for name, run in self.run.items() if not change.lines.isdisjoint(run.get(change.file, ()))]
         if not chosen:

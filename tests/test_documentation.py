@@ -19,7 +19,7 @@ PAGES = [ROOT / "README.md", *DOCS]
 TEXTS = {path: path.read_text(encoding="utf-8") for path in [*PAGES, ROOT / "CHANGELOG.md"]}
 API = TEXTS[ROOT / "docs" / "api.md"]
 
-# elsewhere architecture.md is run in a copy of the package, the first code of all in processes of their own
+# other tests run architecture.md in a copy of the package, and index.md and README.md in processes of their own
 ELSEWHERE = {"architecture.md", "index.md", "README.md"}
 SNIPPETS = {
     f"{path.stem}-{k}": code

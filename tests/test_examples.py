@@ -38,7 +38,7 @@ SAYS = {
     "four_flywheels": r"dry friction only: 11 events",
     "pid_hunting": r"amplitude 0\.067240146921, exact 0\.067240146921",
     "relaxation": r"(?m)^18 s  floor: STUCK -> FORWARD \(breakaway\)",
-    # how far it gets within its time is the machine's matter
+    # how far it gets within its time depends on the machine
     "speed_accuracy": r"errors down to \d\.\de-1\d rad/s\n(for an error of 0\.001 rad/s: simulate|recommend: no call)",
     "spring_block_fault": r"\d+ slips of blocks make \d\d events",
     "stick_slip_map": r"sweep of 9 points: 0 failed, 0 pending",

@@ -123,7 +123,7 @@ def test_changes_are_noticed_survive_or_do_not_end(project: Path, monkeypatch: p
     assert str(survived) == (
         f"SURVIVES     stickslip/deep/inside.py:{survived.change.line}  [comparison]  a < b  ->  (a <= b)  (1 tests)"
     )
-    # nobody calls it: all tests of the file are asked
+    # no test calls it: all tests that run its file are taken
     alone = try_change(project, pick(changes, "x + 1.0", "x"), known, 5.0)
     assert alone.fate == Fate.SURVIVED and alone.tests == 2
     monkeypatch.setattr("survivors._STARTUP", 2.0)

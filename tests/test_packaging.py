@@ -127,7 +127,7 @@ def checked(code: str, folder: Path) -> str:
 
 @pytest.mark.slow
 def test_a_strict_type_check_passes_a_program_and_finds_wrong_arguments(tmp_path: Path) -> None:
-    """All it says is of the wrong calls, which stand at the end."""
+    """All messages of mypy are about the wrong calls, which stand at the end."""
     said = checked(DOWNSTREAM + "\n".join(code for code, _ in WRONG), tmp_path)
     right = DOWNSTREAM.count("\n")
     lines = [int(line) for line in re.findall(r"^program\.py:(\d+): ", said, flags=re.MULTILINE)]

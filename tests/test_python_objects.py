@@ -88,7 +88,7 @@ def test_what_is_computed_goes_to_other_processes_and_compares(kind: str) -> Non
     for copied in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
         np.testing.assert_array_equal(READ[kind](copied), values)
         assert str(copied) == str(found)
-    # nothing else than itself: two runs may differ in the last bit, or in how they were asked for
+    # equal to itself only: two runs may differ in the last bit, or in how they were asked for
     assert found == found and found != again and hash(found) == hash(found)  # noqa: PLR0124
     assert found in [again, found]
 

@@ -41,7 +41,7 @@ def test_the_quick_run_passes(capsys: pytest.CaptureFixture[str], monkeypatch: p
     monkeypatch.setenv("VALIDATION_PATIENCE", "100")  # a busy machine is no fault
     # other formulations have tests of their own
     rows = [r for r in table(1, quick=True) if not r.name.endswith(("/merged", "/multiplier"))]
-    # nor is each of many like it needed here: `python -m validation --quick` runs all
+    # nor does every one of many similar rows have to run: `python -m validation --quick` runs all
     rows = rows[::4]
     assert len(rows) > 30
     status = main([], rows)
@@ -187,7 +187,7 @@ def test_mutations_are_noticed() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("mutation", mutations.MUTATIONS, ids=lambda mutation: mutation.name)
 def test_a_mutation_fits_the_package(mutation: mutations.Mutation, monkeypatch: pytest.MonkeyPatch) -> None:
-    # what it breaks still has the names and arguments that it reckons with: answers may be wrong, or refused
+    # the package still has the names and arguments that the mutation uses: answers may be wrong, or refused
     target = mutation.target.replace(":", ".")
     monkeypatch.setattr(target, mutation.change(pkgutil.resolve_name(mutation.target)))
     watching = [r for r in mutations.watched() if r.name in SHORT]

@@ -20,7 +20,7 @@ CALLABLE = {"function", "result"}
 
 
 def kinds(value: Any) -> set[str]:
-    """Return the kinds of values that an argument takes which takes this one."""
+    """Return the kinds of values that fit an argument for which this value is valid."""
     if isinstance(value, list | tuple):
         first = value[0] if value else 0.0
         return {"texts"} if isinstance(first, str) else {"numbers"} if isinstance(first, float) else {"matrix"}

@@ -415,7 +415,7 @@ def test_axes_given_are_the_axes_returned(wheels):
 
 
 def test_long_names_leave_room_for_the_axes():
-    """What matplotlib could not lay out would warn, and warnings are errors here."""
+    """Matplotlib warns where it cannot lay out a figure, and warnings are errors here."""
     body, rub = "flywheel on the crankshaft, with the ring gear of the starter", "c" * 60
     contact = Contact(rub, body, GROUND, DryFriction(0.5, 0.5), normal=1.0)
     figure = plots.overview(simulate(Scene(Body(body, inertia=1.0, velocity=1.0), contact), (0.0, 4.0)))

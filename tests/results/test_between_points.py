@@ -137,7 +137,7 @@ def test_parts_of_a_scene_are_read_off_as_each_alone() -> None:
 
 
 def test_a_file_keeps_what_is_between_the_points(tmp_path: Path) -> None:
-    """What is read off after `load` is the same to the bit."""
+    """Values between the points are the same to the bit after `load`."""
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), Spring("m", GROUND, stiffness=1e6))
     r = simulate(scene, (0.0, 0.02))
     r.save(tmp_path / "kept.npz")
@@ -169,7 +169,7 @@ def test_an_open_contact_follows_the_one_beside_it(rtol: float) -> None:
 
 
 def closing_pad() -> tuple[Scene, float]:
-    """A pad closes on a body that nothing pushes: its force is 0 and stays 0."""
+    """A pad closes on a body that nothing pushes: the force of the pad is 0 and stays 0."""
     p, d = piecewise_linear, DryFriction
     return (
         Scene(
@@ -268,7 +268,7 @@ def test_forces_of_stuck_contacts_keep_the_tolerance(formulation: str, rtol: flo
     """Two blocks stick to each other on a spring, under a sine.
 
     As one mass of 3 kg they move as ``x = q (sin(2 t) - 2 sin(w t) / w) / (w^2 - 4)``, with ``w^2 = 9 / 3`` and
-    ``q = 2 / 3``; what takes the upper one along is ``1 x''``, by eq. (1).
+    ``q = 2 / 3``; by eq. (1) the contact accelerates the upper one with the force ``1 x''``.
     """
     scene = Scene(
         Body("lower", inertia=2.0),

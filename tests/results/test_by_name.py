@@ -1,4 +1,4 @@
-"""Large results are read name by name, with what a table of all gives."""
+"""Large results are read name by name: the values are those of a table of all names."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def on_a_belt(law: Any) -> Scene:
 
 
 def blocks() -> Scene:
-    """A motor with a lag, and a controller that swings with it, against dry friction; a counter reads it in samples."""
+    """A mass with dry friction: a PID controller pushes it through a lag, a sampled block reads its position."""
     lag = StateSpace("lag", [[-5.0]], [[5.0]], [[1.0]], inputs=[output("pi")])
     steps = Sampled(
         "steps",
@@ -135,7 +135,7 @@ def gaps() -> Scene:
 
 
 def tables() -> Scene:
-    """A block whose normal force follows its way through 0, pulled by a limited force and by a map."""
+    """A block whose normal forces follow its position and velocity through 0; a limited force and a map pull."""
     return Scene(
         Body("a", inertia=1.0, position=-0.3),
         Drive("belt", velocity=sine(0.4, 0.3)),
@@ -278,7 +278,7 @@ def test_a_run_that_ends_where_a_dead_band_begins_goes_on(method: str, stiffness
 
 
 def test_a_run_that_ends_where_pre_slip_does_goes_on() -> None:
-    """At its breakaways a contact has the pre-slip velocity but for the errors of the solver, and slips from there."""
+    """At breakaway a contact has the pre-slip velocity but for errors of the solver, and slips in the next run."""
     scene = Scene(
         Body("b", inertia=1.0),
         Force("b", sine(2.0, 0.3)),
@@ -295,7 +295,7 @@ def test_a_run_that_ends_where_pre_slip_does_goes_on() -> None:
 
 @pytest.mark.parametrize("stop", [1.6, 2.0, 4.0])
 def test_a_pile_at_rest_on_stops_goes_on(stop: float) -> None:
-    """One body rests on the floor, one on the other: what is left of their positions is roundoff, beyond 0 or not."""
+    """One body rests on the floor, one on the other: their positions are roundoff, above or below the limit 0."""
     scene = Scene(
         Body("low", inertia=1.0, position=1.0),
         Body("high", inertia=0.5, position=2.0),
@@ -328,9 +328,9 @@ def test_a_body_at_rest_near_a_limit_of_0_stays_there() -> None:
 @pytest.mark.parametrize("mode", [0, AT_HIGH, AT_LOW], ids=["held", "at its upper level", "at its lower level"])
 @pytest.mark.parametrize("side", [1, -1])
 def test_only_a_limit_of_0_takes_roundoff_off(side: int, mode: int) -> None:
-    """Closed at 1e-9 m, though its other limit is 0, or at 0; it has been 1e7 m away, whose roundoff is 1e-8 m.
+    """A stop is closed at 1e-9 m, its other limit being 0, or at 0; the body has been 1e7 m away, with roundoff 1e-8 m.
 
-    One that others spare is closed, too.
+    A stop at its level, whose load other rows carry, is closed, too.
     """
     limits = sorted([0.0, side * 1e-9])
     system = System(Scene(Body("m", inertia=1.0), Stop("s", "m", GROUND, lower=limits[0], upper=limits[1])))
@@ -394,7 +394,7 @@ def test_an_event_that_stops_at_a_sample_does_not_take_it_twice(stop: float) -> 
     [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"}],
 )
 def test_a_block_cut_off_as_it_comes_to_rest_does_not_slide_back(options: dict[str, Any]) -> None:
-    """Friction alone acts on it: it comes to rest once. The first run ends where a solver has it at some -1e-9 m/s."""
+    """Friction alone acts on it: it comes to rest once. The first run ends where a solver gives it about -1e-9 m/s."""
     law = DryFriction(0.5, 0.3, stribeck_velocity=0.5)
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0),

@@ -66,7 +66,7 @@ def test_within_a_damped_gap(cut: float) -> None:
 def test_at_rest_at_a_stop_with_friction(cut: float) -> None:
     """A slider comes to its stop without rebound, is pressed on, and lifted off once the load beats its friction.
 
-    x = 1 is reached after sqrt(2 / (2 - 0.5)) s; the load 2 - 2 (t - 1) falls through -0.5 at 2.25 s.
+    It reaches x = 1 at 1.1554 s. The load 2 - 2 (t - 1), which falls from 1 s on, passes -0.5 at 2.25 s.
     """
     scene = Scene(
         Body("slider", inertia=1.0),
@@ -84,7 +84,7 @@ def test_at_rest_at_a_stop_with_friction(cut: float) -> None:
 
 @pytest.mark.parametrize("cut", [0.4, 1.0])
 def test_a_dwelling_contact_behind_a_gear_remembers_how_long_it_has_rested(cut: float) -> None:
-    """Held since 0, its level is 5 - 3 exp(-t / 0.7) at the brake; the load 2 t of the motor counts twice there."""
+    """Held since 0, its level is 5 - 3 exp(-t / 0.7) at the brake; the gear makes 4 t of the load 2 t on the motor."""
     scene = Scene(
         Body("motor", inertia=0.1),
         Body("drum", inertia=1.0),
@@ -94,7 +94,7 @@ def test_a_dwelling_contact_behind_a_gear_remembers_how_long_it_has_rested(cut: 
     )
     _, rest = check(scene, cut, 2.0)
     t = rest.events[0].t
-    # the contact that rests from the start has dwelt for no time then
+    # a contact that is stuck at the start has dwelt for 0 s there
     assert 4.0 * t == pytest.approx(5.0 - 3.0 * math.exp(-t / 0.7), abs=1e-11)
 
 
@@ -117,13 +117,13 @@ def test_a_locked_clutch_and_a_contact_beside_it(cut: float) -> None:
     [("machines", 1, 0.512), ("machines", 9, 1.7), ("stops", 10, 3.3), ("stops", 2, 0.13512985572453703)],
 )
 def test_scenes_that_differed(family: str, number: int, cut: float) -> None:
-    """Rows that rigid ones lock slipped in place after the cut; a stop at rest was hit once more."""
+    """Once rows slipped after the cut although rigid rows lock them, and a stop at rest was hit once more."""
     data = FAMILIES[family][0](number)
     check(scene_of(data, number), cut, data["t_end"], least=0)
 
 
 def test_a_cut_at_the_very_event_that_locks_a_clutch() -> None:
-    """What roundoff leaves of the velocity there does not turn the clutch forward, also where all else is at rest."""
+    """Roundoff of the velocity at the event does not turn the clutch forward, also where all else is at rest."""
     data = FAMILIES["clutches"][0](4)
     scene = scene_of(data, 4)
     event = simulate(scene, (0.0, 0.1)).events[0]

@@ -164,7 +164,7 @@ def test_a_still_scene_has_no_error():
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("stiffness", [0.0, 1e3])
 def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness: float):
-    # these forces add up to 6e-17 N; what has no inertia has no energy
+    # these forces add up to 6e-17 N; a body without inertia has no energy
     scene = Scene(
         Body("a", inertia=1.0),
         Body("b", inertia=2.0),
@@ -214,7 +214,7 @@ def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> 
 
 
 def test_an_impact_at_the_very_start_is_in_the_ledger() -> None:
-    """A ball on a table that rises: the table does work with the impulse, the impact takes 3/4 of what is relative."""
+    """A ball on a rising table: the table does work by the impulse, the impact takes 3/4 of the relative energy."""
     table = Drive("table", velocity=0.5)
     stop = Stop("contact", "ball", "table", lower=0.0, restitution=0.5)
     ledger = simulate(Scene(Body("ball", inertia=1.0, velocity=-2.0), table, stop), (0.0, 1.0)).energy()
@@ -280,7 +280,10 @@ def test_a_blow_that_closes_a_clutch_takes_from_both() -> None:
 
 
 def test_a_ram_works_with_its_new_velocity_where_one_blow_follows_another() -> None:
-    """It takes 1 kg from rest to 1 m/s with the mean of 0 and 1 m/s, and 2 kg from 0.5 to 1 m/s with 1 m/s."""
+    """The ram jumps from 0 to 1 m/s. It brings 1 kg from rest to 1 m/s at the mean velocity 1/2 m/s: 1/2 J.
+
+    Then it brings 2 kg from 0.5 to 1 m/s at its new velocity: 1 J.
+    """
     scene = Scene(
         Body("a", inertia=1.0),
         Body("b", inertia=2.0, velocity=0.5),

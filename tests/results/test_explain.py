@@ -150,7 +150,7 @@ def test_a_jump_of_the_load_is_a_cause():
 
 
 def test_a_jump_of_a_drive_is_a_cause():
-    """Back from -1 m/s after 1 ms the drive runs at 1 m/s again, and the block has lost 0.001 m/s² s."""
+    """The drive runs at -1 m/s for 1 ms, then at 1 m/s again: the block has lost 1 m/s² * 1 ms = 0.001 m/s."""
     drive = Drive("drive", velocity=piecewise_linear([1.0, 1.0, 1.001, 1.001], [1.0, -1.0, -1.0, 1.0]))
     contact = Contact("floor", "a", "drive", DryFriction(0.1, 0.1), normal=10.0)
     result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0), drive, contact), (0.0, 2.0))
@@ -265,7 +265,7 @@ def test_an_open_contact_is_watched_for_its_direction_only():
 
 @pytest.mark.parametrize("together", [False, True])
 def test_what_changes_at_the_same_instant_is_named(together: bool) -> None:
-    """A load turns round: the clutch runs free, and where it turns at the stop as well, that opens."""
+    """A load turns round, and the clutch runs free; where the load at the stop turns round as well, the stop opens."""
     turns = step(1.0, 1.0, -1.0)
     scene = Scene(
         *(Body(name, inertia=1.0) for name in "ab"),
@@ -285,7 +285,7 @@ def test_what_changes_at_the_same_instant_is_named(together: bool) -> None:
 
 
 def test_open_contacts_tell_where_their_velocity_points() -> None:
-    """A push at 1 s sets one body going, and one that was thrown against it comes back at 2 s."""
+    """A push at 1 s sets one body going; another, thrown with 2 m/s against a load of 1 N, turns back at 2 s."""
     scene = Scene(
         *(Body(name, inertia=1.0, velocity=v) for name, v in (("rests", 0.0), ("thrown", 2.0))),
         *(Contact(name, name, GROUND, DryFriction(0.2, 0.1), normal=0.0) for name in ("rests", "thrown")),

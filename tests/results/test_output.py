@@ -231,7 +231,7 @@ def test_columns_hold_powers_and_the_ledger(blocks):
 
 
 def test_columns_balance_with_impacts_and_changes_between_runs_too():
-    """A ram on a pile: 500 kg and 300 kg go on with m1 v / (m1 + m2). The next run begins with more, and no stop."""
+    """A ram on a pile: 500 kg and 300 kg go on with m1 v / (m1 + m2). The next run begins with 150 J more."""
     ram, pile = Body("ram", inertia=500.0, position=2.0), Body("pile", inertia=300.0)
     soil = Contact("soil", "pile", GROUND, DryFriction(1.0, 1.0), normal=6e4)
     filtered = StateSpace("filtered", [[-10.0]], [[10.0]], [[1.0]], inputs=[velocity("ram")])
@@ -272,7 +272,7 @@ def test_units_stand_in_frames_json_and_heads(motion, velocity, force, tmp_path)
     assert (units["time"], units["normal brake"], units["power brake"], units["heat brake"]) == tuple("sNWJ")
     result.to_csv(tmp_path / "r.csv")
     heads = (tmp_path / "r.csv").read_text().partition("\n")[0].split(",")
-    # heads that no unit is sure of stay plain, so that columns are found by their names
+    # where the unit is not known heads have none, so that columns are found by their names
     assert (f"velocity wheel1 [{velocity}]" in heads) == (motion is not None)
     assert "mode brake" in heads
     result.to_csv(tmp_path / "r.csv", units=motion is None)

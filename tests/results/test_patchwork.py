@@ -1,4 +1,4 @@
-"""What is known part by part: polynomials in runs, and the largest of overlapping ranges, against the plain way."""
+"""Pieces known part by part: polynomials in runs, and the largest of overlapping ranges, against plain loops."""
 
 from itertools import pairwise
 

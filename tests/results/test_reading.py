@@ -1,4 +1,4 @@
-"""Reading results: what is read costs little beside the simulation, whatever is read of whichever name.
+"""Reading results costs little beside the simulation, for every quantity and every name.
 
 Work is counted, not timed: calls of functions, which is the same on every machine.
 """
@@ -106,7 +106,7 @@ def test_reading_everything_is_a_fraction_of_the_work_of_simulating(count: int) 
 
 def test_another_name_costs_the_same_however_many_events_there_are() -> None:
     costs = []
-    # what is computed once per process is computed in the first run
+    # the first run computes everything that a process computes once
     for stop in (5.0, 10.0, 40.0):
         result = simulate(blocks(6), (0.0, stop))
         result.force("cb0")
@@ -152,7 +152,7 @@ def test_positions_in_a_scene_with_and_without_springs() -> None:
 def test_drawing_many_blocks_asks_for_each_segment_only_a_few_times() -> None:
     few, many = (simulate(blocks(count), (0.0, 15.0)) for count in (14, 28))
     work = [calls(result.plot, own=True)[1] / len(result.scene.bodies) for result in (few, many)]
-    # twice as many blocks that do about twice as many things: the work for each stays within its share of events
+    # twice as many blocks have about twice as many events: the work for each block grows no faster than the events
     growth = len(many.events) / len(few.events)
     assert work[1] < 1.5 * growth * work[0], (work, growth)
 
@@ -185,7 +185,7 @@ def test_strips_of_modes_are_drawn_mode_by_mode_not_bar_by_bar() -> None:
 
 
 def test_explaining_reads_each_contact_once() -> None:
-    # an eccentric load that turns over four times as often
+    # an eccentric load that turns over again and again; the long run has four times as many events
     scene = Scene(
         Body("a", inertia=1.0),
         Contact("c", "a", GROUND, DryFriction(0.2, 0.1), normal=10.0),

@@ -29,7 +29,7 @@ def test_it_does_not_depend_on_the_outputs():
 
 @pytest.mark.slow
 def test_a_smooth_law_is_read_off_the_sign_of_its_velocity():
-    """A body under F cos(omega t) in a stiff bristle law slips forward for half of each period."""
+    """A body under 2 pi sin(2 pi t) on stiff bristles moves to and fro: its share is that of dense samples."""
     law = LuGre(DRY, stiffness=1e5, damping=1e2)
     scene = Scene(
         Body("a", inertia=1.0, velocity=-1.0),

@@ -195,7 +195,7 @@ def test_forces_obey_newtons_law_and_stay_within_their_levels(result: Result) ->
 
 
 def test_a_quantity_is_computed_once_for_all_names(result: Result) -> None:
-    """A name is a line of the table of all, which nobody can write to; what is not asked for is not computed."""
+    """A name is a line of the table of all names, which is read-only; quantities are computed only when asked for."""
     at = result.sample(503)
     names = [c.name for c in result.scene.contacts]
     at.mode(names[0])
@@ -212,7 +212,7 @@ def test_a_quantity_is_computed_once_for_all_names(result: Result) -> None:
 
 
 def test_straight_lines_between_the_times_look_like_the_motion(result: Result) -> None:
-    """To 1e-3 of each range; where an event stands, its two limits do."""
+    """Lines are off by 1e-3 of each range at most; at an event its two limits are given."""
     t = result.t
     assert t[0] == 0.0 and t[-1] == 4.0 and np.all(np.diff(t) >= 0)
     for event in result.events:
@@ -239,7 +239,7 @@ def test_times_fit_for_a_plot_are_few() -> None:
 
 
 def test_sampling_is_what_t_eval_gives(result: Result) -> None:
-    """Right limits at events, the left one at the end."""
+    """Samples are right limits at events, and the left limit at the end."""
     t = np.unique(np.concatenate([np.linspace(0, 4, 57), [e.t for e in result.events]]))
     asked = simulate(result.scene, (0.0, 4.0), rtol=1e-9, t_eval=t)
     at = result.sample(t)
@@ -360,7 +360,7 @@ def test_a_series_does_not_solve_the_multiplier_formulation() -> None:
 
 
 def test_what_was_computed_before_an_error_can_be_read() -> None:
-    """The load fails for a moment only: what reads it before the run, for its size, does not meet that."""
+    """The load fails between 1.52 s and 1.6 s only: reading its size before the run does not hit these times."""
 
     def fails(t: float) -> float:
         if 1.52 < t < 1.6:

@@ -124,7 +124,7 @@ def test_benchmark_obeys_the_laws() -> None:
 
 
 def test_benchmark_keeps_momentum_and_energy() -> None:
-    """What momentum and energy are lost, the brake has taken and the contacts have turned to heat."""
+    """The brake takes all lost momentum; the contacts turn all lost energy into heat."""
     motion = analytic.two_flywheels()
     momentum = energy = mp.zero
 

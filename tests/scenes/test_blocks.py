@@ -96,7 +96,7 @@ def test_sampled_servo(way: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("way", [*WAYS, {"method": "Adams"}])
 def test_a_sample_pushes_in_the_instant_in_which_a_body_comes_to_rest(way: dict[str, Any]) -> None:
-    """2 m/s are gone at 1 s, where a controller begins to push with 2.5 N: 3 N hold the body, as beside a step."""
+    """2 N stop 2 m/s at 1 s, where a controller begins to push with 2.5 N: the level of 3 N holds the body."""
     push = Sampled("push", period=0.5, inputs=[TIME], output=lambda t, x, u: 2.5 if t > 0.9 else 0.0)
     scene = Scene(
         Body("m", inertia=1.0, velocity=2.0),
@@ -112,7 +112,7 @@ def test_a_sample_pushes_in_the_instant_in_which_a_body_comes_to_rest(way: dict[
 
 @pytest.mark.parametrize("way", [*WAYS, {"method": "Adams"}])
 def test_states_of_a_controller_have_no_roundoff(way: dict[str, Any]) -> None:
-    """Corners of limits lie between the samples: what `update` and `output` returned is what comes back."""
+    """Corners of limits lie between the samples: blocks read exactly the numbers that `update` and `output` gave."""
     seen: list[tuple[float, float, float]] = []
 
     def read(t: float, x: Any, u: Any) -> float:
@@ -142,7 +142,7 @@ def test_states_of_a_controller_have_no_roundoff(way: dict[str, Any]) -> None:
 
 
 def test_a_sample_reads_left_limits() -> None:
-    """Two sampled blocks in a row at the same instants: the second holds what the first held before."""
+    """Two sampled blocks in a row at the same instants: the second reads the output that the first held before."""
     scene = Scene(
         Body("m", inertia=1.0),
         Sampled("count", period=1.0, states=0.0, update=lambda t, x, u: x + 1, output=lambda t, x, u: x + 10),
@@ -170,7 +170,7 @@ def test_a_sample_at_a_jump_reads_its_left_limit(first: float, period: float, ju
     result = simulate(scene, (0.0, jump + 1.5 * period))
     assert result.output("load")[-1] == 1.0
     assert result.sample([jump + 0.9 * period]).output("load")[0] == 0.0
-    # what is held pushes from the next sample on
+    # the held output pushes from the sample after the jump on
     assert abs(result.velocity("m")[-1] - 0.5 * period) < 1e-15
 
 
@@ -375,7 +375,7 @@ def test_blocks_that_fail_are_named(block: Any, message: str) -> None:
 
 
 def controlled() -> Scene:
-    """A mass with stiction that a sampled PI controller moves after a ramp, beside a lag and a thermal state."""
+    """A mass with stiction that a sampled PI controller moves after a drive; a lag filters its measured velocity."""
     return Scene(
         Body("m", inertia=1.0),
         Drive("ref", velocity=sine(0.3, 0.4)),
@@ -454,7 +454,7 @@ def test_what_is_not_finite_is_told_as_a_number() -> None:
         SimulationError, match=r"block 'late': output returned inf at t = 1.5 s with the inputs"
     ) as error:
         simulate(Scene(Body("m", inertia=1.0), late, Force("m", output("late"))), (0.0, 3.0))
-    # there is no contact whose mode could be told
+    # there is no contact whose mode the message could name
     assert "modes" not in str(error.value)
 
 

@@ -61,7 +61,7 @@ def row(text: str, change: str) -> str:
     ],
 )
 def test_no_step_is_longer_than_asked_for(method: str, formulation: str) -> None:
-    """Beside a spring the motion is x = cos t: without a limit its steps are longer than 0.005."""
+    """On a spring, with friction, x = 0.1 + 0.9 cos t: without `max_step` some steps are longer than 0.005 s."""
     scene = Scene(
         Body("block", inertia=1.0, position=1.0),
         Spring("block", GROUND, stiffness=1.0),
@@ -167,9 +167,9 @@ def test_position_of_a_drive_with_a_sine_for_velocity(periods: float) -> None:
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e-9])
 @pytest.mark.parametrize("at", ["rest", "position"])
 def test_half_a_swing_takes_pi_in_whatever_unit_it_is_stretched(scale: float, at: str) -> None:
-    """Unit mass on a unit spring, let go with a stretch of 1: with dry friction too, it turns after pi seconds.
+    """Unit mass on a unit spring, let go with a stretch of `scale`: with dry friction too, it turns after pi seconds.
 
-    What is stretched counts, not where the body is: the spring's length at rest is as good as a position.
+    The stretch sets the scale, not the position: a rest length of `scale` at position 0 gives the mirrored motion.
     """
     law = DryFriction(0.1, 0.1)
     stretch = {"rest": scale} if at == "rest" else {}
@@ -217,7 +217,7 @@ def test_breakaway_of_an_anisotropic_contact_with_dwell_while_it_slips(sign: int
 
 
 def test_breakaway_of_an_anisotropic_contact_while_it_is_stuck() -> None:
-    """The side to which the force would push it: 6 where it is pushed forward, 3 where backward."""
+    """The level is that of the side to which the load pushes: 6 where it pushes forward, 3 where backward."""
     push = piecewise_linear([0.0, 2.0], [-2.0, 2.0])
     times = np.array([0.0, 0.5, 0.9, 1.1, 1.5, 2.0])
     result = simulate(block(push, law=SIDED), (0.0, 2.0), t_eval=times)
@@ -245,7 +245,7 @@ def test_an_anisotropic_contact_breaks_away_at_the_level_of_its_side(slope: floa
 
 
 def test_a_level_that_rises_late_is_overtaken_for_a_moment() -> None:
-    """N = 1 + 10 t, so B = (1 + 10 t) (0.5 - 0.4 exp(-t)); the push 0.095 + 1.8 t passes it from 0.0147 to 0.0946 s."""
+    """N = 1 + 10 t, so B = (1 + 10 t) (0.5 - 0.4 exp(-t)); the push 0.095 + 1.8 t is larger from 0.0145 to 0.0961 s."""
 
     def reserve(t: float) -> float:
         return (1 + 10 * t) * (0.5 - 0.4 * math.exp(-t)) - (0.095 + 1.8 * t)
@@ -289,7 +289,7 @@ def test_a_kinetic_curve_is_limited_by_the_smaller_static_coefficient() -> None:
 
 @pytest.mark.parametrize(("sign", "level"), [(1, "3"), (-1, "6")])
 def test_a_reversal_is_explained_by_the_level_of_the_side_to_which_it_went(sign: int, level: str) -> None:
-    """A push of 8 turns the block at once: it exceeds 3, the level backward, and 6, the level forward."""
+    """A push of 8 turns the block round at w = 0: it exceeds 3, the level backward, and 6, the level forward."""
     result = simulate(block(-8.0 * sign, law=SIDED, velocity=3.0 * sign), (0.0, 1.0))
     before, after = ("FORWARD", "BACKWARD") if sign > 0 else ("BACKWARD", "FORWARD")
     # with the push and friction against it: 3 m/s over 8 + 4 or 8 + 2 m/s^2
@@ -333,7 +333,7 @@ def test_the_account_is_that_of_the_last_time() -> None:
     """A belt at 2 m/s takes a block along with 5 N: at 0.4 s they run together.
 
     The belt has then done 5 * 2 * 0.4 = 4 J, half of which is heat. A second body is slowed by a damper alone:
-    exp(-2 t) / 2 of its energy is left. A third is pushed with 3 N, over 3/2 t^2, and a fourth stretches a spring.
+    its energy is exp(-2 t) / 2. A third is pushed with 3 N over 3/2 t^2 m, and a fourth swings on a spring.
     """
     scene = Scene(
         Drive("belt", velocity=2.0),
@@ -372,7 +372,7 @@ def test_the_account_is_that_of_the_last_time() -> None:
 def test_work_of_a_belt_that_swings_between_far_apart_points() -> None:
     """The block is far faster than the belt, so friction is 0.1 all the time, and pushes the belt forward.
 
-    The belt goes sin(2 pi t) / s: its drive takes up 0.1 N over (1 - cos(2 pi t)) / (2 pi) m.
+    The belt moves at sin(2 pi t) m/s: its drive takes up 0.1 N over (1 - cos(2 pi t)) / (2 pi) m.
     """
     belt = Drive("belt", velocity=sine(1.0, 1.0))
     body = Body("block", inertia=1.0, velocity=100.0)
@@ -389,7 +389,7 @@ def test_work_of_a_belt_that_swings_between_far_apart_points() -> None:
 
 @pytest.mark.parametrize("push", [-2.0, 0.0, 2.0])
 def test_an_open_contact_at_rest_goes_where_its_bodies_go(push: float) -> None:
-    """Nothing presses, so the sign of the acceleration to come is the mode; 0 is stuck."""
+    """The normal force is 0, so the mode is the sign of the acceleration to come; 0 is stuck."""
     result = simulate(block(push, normal=piecewise_linear([0.0, 1.0, 2.0], [0.0, 0.0, 10.0])), (0.0, 1.0))
     assert set(result.mode("pad").tolist()) == {int(np.sign(push))}
     assert result.force("pad") == pytest.approx(0.0, abs=0)

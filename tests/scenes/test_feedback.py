@@ -107,7 +107,7 @@ def test_an_untouched_pendulum_in_fixed_steps() -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_force_beyond_its_level_by_way_of_the_state_breaks_a_contact_loose(way: dict[str, Any]) -> None:
-    """A belt drags a block against ``-k x``: it lets go at x = B / k, exactly B / (k v) after the start."""
+    """A belt drags a block against ``-k x``: the contact lets go at x = B / k = 0.75 m, after B / (k v) = 7.5 s."""
     scene = Scene(
         Body("block", inertia=1.0, velocity=0.1),
         Drive("belt", velocity=0.1),
@@ -151,7 +151,7 @@ LIMITED = StateSpace("s", A=[[-1.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], inputs=[p
     ],
 )
 def test_tables_and_limits_of_power(way: dict[str, Any], elements: list[Any], rest: float) -> None:
-    """``v' = -2 + g(2 v)`` from v = 1: line by line an exponential or a constant pull, until v = 0."""
+    """``v' = -2 + g(2 v)`` from v = 1: on each line of g, v is an exponential or falls evenly, until v = 0."""
     rubs = Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0)
     result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0), rubs, *elements), (0.0, 2.0), **way)
     (event,) = result.events
@@ -160,7 +160,7 @@ def test_tables_and_limits_of_power(way: dict[str, Any], elements: list[Any], re
 
 
 def test_a_sample_at_the_start_reads_the_power_that_the_friction_has() -> None:
-    """It reads 4 W at once, also where a run goes on from another one: the force of 2 N holds the velocity."""
+    """It reads 4 W at once, also where a run goes on from another one: the load of 2 N balances friction, v stays."""
 
     def scene(load: Quantity) -> Scene:
         sampled = Sampled("s", period=0.1, inputs=[power("c")], output=lambda t, x, u: u[0])
@@ -205,7 +205,7 @@ def test_what_reads_power_beside_a_stop_or_a_gap_changes_nothing(row: Any, reads
 @pytest.mark.slow
 @pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 2e-4}])
 def test_a_table_of_the_power_of_bristles_that_a_jump_of_the_load_releases(way: dict[str, Any]) -> None:
-    """While nothing presses it the contact has no power, and the table gives no force: the velocity stays."""
+    """While the normal force is 0 the contact has no power, so the table gives no force: the velocity stays."""
     xs, ys = [-1.0, 0.0, 1.0, 3.0, 4.0], [5.0, 0.0, 0.5, 0.7, 0.0]
     contact = Contact(
         "c",
@@ -225,7 +225,7 @@ def test_a_table_of_the_power_of_bristles_that_a_jump_of_the_load_releases(way: 
 
 
 def test_a_sample_at_the_start_reads_no_power_where_there_is_none() -> None:
-    """Of bent bristles that nothing presses, and of a contact within Karnopp's dead band, which is stuck."""
+    """Two contacts without power: bent bristles with normal force 0, and a contact stuck in Karnopp's dead band."""
     law = DryFriction(0.3, 0.2)
     for contact in (
         Contact("c", "a", GROUND, LuGre(law, 1e3, 1.0, 0.1), normal=0.0, deflection=1e-3),
@@ -264,7 +264,7 @@ def test_quantities_of_held_bodies_are_those_of_what_holds_them() -> None:
 
 @pytest.mark.slow
 def test_many_bodies_with_functions_between_them() -> None:
-    """A chain so long that its matrices are sparse, whose springs are functions, is one of springs."""
+    """A chain with sparse matrices: feedback functions in place of its springs give the same events."""
     count = 170
     bodies = [Body(f"b{k}", inertia=1.0, velocity=0.1 * math.sin(k)) for k in range(count)]
     rubs = [Contact(f"c{k}", f"b{k}", GROUND, DryFriction(0.02, 0.01), normal=1.0) for k in range(count)]
@@ -300,7 +300,7 @@ def test_what_raises_is_named_too() -> None:
 
 @pytest.mark.parametrize("pull", [4.5, 4.2, 4.0])
 def test_a_force_without_bounds_at_rest_lets_nothing_come_to_rest(pull: float) -> None:
-    """Friction ``5 + 0.1 log(w / 0.001)`` has no value at rest; the block slows down to where it balances the pull."""
+    """Friction ``5 + 0.1 log(w / 0.001)`` has no value at rest; the block slows down until it balances the pull."""
     friction = feedback(lambda w: 5.0 + 0.1 * math.log(abs(w) / 1e-3), relative_velocity("rub"))
     rub = Contact("rub", "block", GROUND, DryFriction(1.0, 1.0), normal=friction)
     scene = Scene(Body("block", inertia=1.0, velocity=1.0), Force("block", pull), rub)
@@ -327,7 +327,7 @@ def test_a_changed_closure_is_called_again() -> None:
 @pytest.mark.parametrize("clock", [TIME, position("clock")])
 @pytest.mark.parametrize("beside", [0, 1])
 def test_a_normal_force_that_is_a_function_ends_and_begins_again(way: dict[str, Any], clock: Any, beside: int) -> None:
-    """N = 2 - 4 sin 3t: what rubs beside it goes on meanwhile, and all is as with a sine over time."""
+    """N = 2 - 4 sin 3t by a function: the motion is that with a sine over time, also with another contact beside it."""
 
     def scene(normal: Any) -> Scene:
         rubs = [
@@ -352,7 +352,7 @@ def test_a_normal_force_that_is_a_function_ends_and_begins_again(way: dict[str, 
 
 
 def test_what_follows_time_and_position_is_read_at_its_time() -> None:
-    """The free body is at 1 + 2 t m, and so the shoes are pressed with 4 + t + x and 3 + t x N."""
+    """The free body is at x = 1 + 2 t m; the contacts are pressed with 4 + t + x = 5 + 3 t and 3 + t x N."""
     path = position("free")
     scene = Scene(
         Body("free", inertia=1.0, position=1.0, velocity=2.0),
@@ -414,9 +414,9 @@ def test_a_controller_needs_no_units_of_its_own(
 def test_a_dead_band_ends_at_what_the_normal_force_is_at_rest(
     push: float, steep: float, options: dict[str, Any]
 ) -> None:
-    """``N = 0.3 + k |v - 0.03|``: at the edge of the band, 0.06 m/s, the block rests under a level of 0.15 + 0.015 k.
+    """``N = 0.3 + k |v - 0.03|``: at the edge of the band, 0.06 m/s, v becomes 0, and the level is 0.15 + 0.015 k.
 
-    Before, ``u = v - 0.03`` follows ``0.5 u' = -push - 0.15 - 0.5 k u``.
+    Before that, ``u = v - 0.03`` follows ``0.5 u' = -push - 0.15 - 0.5 k u``.
     """
     normal = table(velocity("b"), [0.03 - 10, 0.03, 0.03 + 10], [10 * steep + 0.3, 0.3, 10 * steep + 0.3])
     scene = Scene(
@@ -434,7 +434,7 @@ def test_a_dead_band_ends_at_what_the_normal_force_is_at_rest(
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
 def test_a_dead_band_may_open_its_own_contact(options: dict[str, Any]) -> None:
-    """``N = 10 v - 0.3`` presses at the edge of the band, and nothing does at rest: the load moves the block on."""
+    """``N = 10 v - 0.3`` is 0.3 N at the edge of the band and 0 at rest: from there the load moves the block back."""
     scene = Scene(
         Body("b", inertia=0.5, velocity=0.08),
         Contact("c", "b", GROUND, Karnopp(DryFriction(0.5, 0.5), 0.06), normal=10 * velocity("b") - 0.3),

@@ -48,7 +48,7 @@ def times(result: Result, name: str) -> list[float]:
 
 @every_engine
 def test_modelica_translational_elasto_gap(options: dict[str, Any], off: float) -> None:
-    """Flights are straight; in a limit the motion is a damped sine, or parabolic where the clip doubles or ends it."""
+    """In flight v is constant; in a limit ``x'' = -k d - c d'``, but -2 k d or 0 where the clip at +-k d acts."""
     scene = Scene(
         Body("m", inertia=1, position=2),
         Gap("gap", "m", GROUND, lower=-0.5, upper=0.5, stiffness=10, damping=1.5),
@@ -69,7 +69,7 @@ def test_modelica_translational_elasto_gap(options: dict[str, Any], off: float) 
     force, stretch = result.force("gap"), result.stretch("gap")
     assert force[0] == pytest.approx(15, abs=1e-12)
     assert (force * stretch >= -10 * off).all()
-    # where the clip takes all force away k d = -c d', and d' stays: d is gone after c / k
+    # where the clip takes all force away k d = -c d', and d' stays: d falls to 0 within c / k
     np.testing.assert_allclose(np.array(turns[:5:2]) - np.array(clip)[[0, 2, 4]], 1.5 / 10, atol=1e-11)
     ledger = result.energy()
     assert ledger.relative_error < max(off, 1e-12)
@@ -100,7 +100,7 @@ def test_a_ball_between_elastic_limits(options: dict[str, Any], off: float) -> N
 def test_backlash_between_gears_with_friction(options: dict[str, Any], off: float) -> None:
     """A drive takes up the play at both ends: the teeth part, meet, and push a wheel that dry friction holds.
 
-    The wheel moves when k d = 2; before, its tooth is at the drive's angle less the play, by hand.
+    The wheel moves when the torque 0.5 k d on it reaches 2 N m.
     """
     scene = Scene(
         Drive("motor", velocity=piecewise_linear([0, 1, 1, 3], [1, 1, -1, -1])),
@@ -139,7 +139,7 @@ def test_resting_on_a_limit(options: dict[str, Any], off: float) -> None:
 
 @pytest.mark.parametrize("method", ["series", "BDF"])
 def test_what_only_touches_a_limit_stays_free(method: str) -> None:
-    """x = 1 - cos t reaches 2 with velocity 0: the gap there opens no event with the exact engine, and no force."""
+    """x = 1 - cos t reaches 2 with velocity 0: the gap there carries no force, and is no event with the series."""
     scene = Scene(
         Body("m", inertia=1),
         Spring("m", GROUND, stiffness=1),
@@ -154,7 +154,10 @@ def test_what_only_touches_a_limit_stays_free(method: str) -> None:
 
 
 def test_a_start_beyond_a_limit_and_at_it() -> None:
-    """At the limit and pushed in by a constant force: k d = F (1 - cos) with twice the stiffness at first (clip)."""
+    """At the limit and pushed in by F: the clip doubles the stiffness at first, so 2 k d = F (1 - cos(sqrt(2 k) t)).
+
+    With both limits at 0 a gap without damping is a spring.
+    """
     at = Scene(
         Body("m", inertia=1, position=1.0),
         Force("m", 2.0),
@@ -180,7 +183,7 @@ def wagons(n: int) -> Scene:
 def test_a_row_of_wagons_hands_its_momentum_on() -> None:
     """Equal masses exchange velocities, each within half a period pi sqrt(m / 2 k); dense and sparse matrices.
 
-    Both go on at half the speed meanwhile, so the next gap is shorter by half of that time.
+    While two touch, each moves on at half the speed on average: a touch follows every 0.5 + half / 2 s.
     """
     small, large = (simulate(wagons(n), (0, 3)) for n in (5, 120))
     half = math.pi * math.sqrt(1 / 800)

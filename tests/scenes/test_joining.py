@@ -46,7 +46,7 @@ FORMULATIONS: list[dict[str, Any]] = [
 
 
 def exact(options: dict[str, Any]) -> bool:
-    """Whether parts take the same course together: with Taylor series, and with fixed steps."""
+    """Whether a part beside others moves to the last digits as alone: with Taylor series, and with fixed steps."""
     return not options or "step" in options
 
 

@@ -178,7 +178,7 @@ def test_a_planetary_shifts(options: dict[str, Any], off: float) -> None:
     w_sun = 2.5 * w_carrier + 20 * span - area + push
     w_carrier -= (2.5 * push + 20 * span) / 10
     assert w_sun == pytest.approx(w_carrier, abs=100 * off)
-    # then all turn as one under 20 - 20, and what is left of the brake
+    # then all turn as one under 20 - 20 and the falling torque of the brake
     w_carrier -= 1000 * (0.1 - x1) ** 2 / 2 / 11
     assert result.velocity("carrier")[-1] == pytest.approx(w_carrier, abs=50 * off)
     if options is EXACT:
@@ -203,7 +203,7 @@ def test_a_lever_shares_a_force(options: dict[str, Any], off: float) -> None:
 
 @every_engine
 def test_a_drive_turns_a_gear_and_its_power_counts(options: dict[str, Any], off: float) -> None:
-    """A motor at 10 t turns a shaft of 3 at 5 t against a torque of 4: the shaft needs 15 + 4, and takes 19 5 t W."""
+    """A motor at 10 t turns a shaft of 3 at 5 t against a torque of 4: the shaft needs 3 * 5 + 4 = 19, 19 * 5 t W."""
     scene = Scene(
         Body("shaft", inertia=3),
         Drive("motor", velocity=piecewise_linear([0, 2], [0, 20])),
@@ -220,7 +220,7 @@ def test_a_drive_turns_a_gear_and_its_power_counts(options: dict[str, Any], off:
 
 
 def test_a_drive_that_jumps_takes_what_is_tied_along_and_friction_slips() -> None:
-    """The jump goes through the teeth; friction is finite, so that b slips and comes along at 2 / 4 s later."""
+    """The jump goes through the teeth. Friction is finite: b slips, speeds up by 2 / 4 rad/s^2, sticks 4 s later."""
     scene = Scene(
         Body("a", inertia=1),
         Body("b", inertia=4),
@@ -237,7 +237,7 @@ def test_a_drive_that_jumps_takes_what_is_tied_along_and_friction_slips() -> Non
 
 @every_engine
 def test_a_body_without_inertia_slips_with_the_drive_that_it_is_tied_to(options: dict[str, Any], off: float) -> None:
-    """It takes 0.2 N m either way: the drive does 0.2 times the way of 2 sin(2 pi t) rad/s."""
+    """Friction takes 0.2 N m either way: the drive's work is 0.2 times the way of a body at 2 sin(2 pi t) rad/s."""
     scene = Scene(
         Body("z", inertia=0),
         Drive("m", velocity=sine(1, frequency=1)),
@@ -286,7 +286,7 @@ def test_a_contact_beside_a_gear_of_the_same_ratio_never_slips() -> None:
     result = simulate(scene, (0, 10))
     assert not result.events
     at = result.sample([1.0, 9.0])
-    # half of the force goes to b, by halves until the pad is at its level of 1
+    # half of the force goes to b; pad and gear carry equal parts of it until the pad is at its level of 1
     np.testing.assert_allclose(at.force("pad"), [0.5, 1.0], atol=1e-9)
     np.testing.assert_allclose(at.force("teeth"), [0.5, 8.0], atol=1e-9)
 
@@ -389,7 +389,7 @@ def freewheel() -> Scene:
 
 @pytest.mark.parametrize("name", ["series", "BDF", "multiplier", "RK4"])
 def test_modelica_one_way_clutch(name: str) -> None:
-    """At 1.5 s the relative velocity touches 0: nothing happens, but for what the tolerances leave uncertain."""
+    """At 1.5 s the relative velocity touches 0: no event with the series; solvers may find some within their errors."""
     options, off = ENGINES[name]
     result = simulate(freewheel(), (0, 2), **options)
     expected = [0.0802800002413492, 1 / 6, 0.430677395670009, 0.95, 1.05, 7 / 6, 1.756204447415]
@@ -409,7 +409,7 @@ def test_modelica_one_way_clutch(name: str) -> None:
 
 @every_engine
 def test_a_one_way_clutch_drives_and_lets_run_ahead(options: dict[str, Any], off: float) -> None:
-    """A torque of 3 for 1 s drives both (1 and 2) to 1 rad/s, carried by 2; without it a drag of 1 on `a` frees b."""
+    """3 N m drive inertias 1 and 2 to 1 rad/s in 1 s, with 2 N m in the clutch; then a torque of -1 on `a` frees b."""
     scene = Scene(
         Body("a", inertia=1),
         Body("b", inertia=2),
@@ -426,7 +426,7 @@ def test_a_one_way_clutch_drives_and_lets_run_ahead(options: dict[str, Any], off
 
 
 def test_a_drive_that_jumps_forward_takes_the_clutch_along() -> None:
-    """A back stop on a motor: b follows jumps up at once, and runs ahead when the motor drops."""
+    """The clutch hands jumps of the motor up on to b at once; where the motor drops, b runs ahead."""
     scene = Scene(
         Body("b", inertia=2),
         Drive("motor", velocity=piecewise_linear([1, 1, 2, 2], [0, 3, 3, 1])),
@@ -442,7 +442,7 @@ def test_a_drive_that_jumps_forward_takes_the_clutch_along() -> None:
 
 
 def test_a_one_way_clutch_at_radii() -> None:
-    """A chain from a sprocket of 0.1 m to one of 0.04 m: v_b >= 2.5 v_a; the rider's torque 10 gives 4 behind."""
+    """A chain from a sprocket of 0.1 m to one of 0.04 m: v_b >= 2.5 v_a; the rider's torque 10 gives 4 at the wheel."""
     scene = Scene(
         Body("pedals", inertia=1e-3),
         Body("wheel", inertia=2.0),
@@ -459,7 +459,7 @@ def test_a_one_way_clutch_at_radii() -> None:
 
 
 def test_two_one_way_clutches_rectify() -> None:
-    """A lever swings; one clutch drives forward, one to the ground holds what it has reached."""
+    """A lever swings; one clutch drives the shaft forward, one to the ground keeps it from turning back."""
     scene = Scene(
         Body("out", inertia=1e-3),
         Drive("lever", velocity=sine(2, frequency=1)),
@@ -502,7 +502,7 @@ def test_a_clutch_whose_force_is_roundoff_stays_locked_while_others_move(
     assert result.velocity("b")[-1] == pytest.approx(6.0 * pull / wheels[0].inertia, rel=1e-9, abs=1e-12)
 
 
-# -- elements of old --------------------------------------------------------------------------------------
+# -- older elements ---------------------------------------------------------------------------------------
 
 
 @every_engine
@@ -743,7 +743,7 @@ def test_laws_and_loads_that_are_code_go_with_ties() -> None:
     "options", [{"method": "series"}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}]
 )
 def test_a_clutch_that_only_touches_stays_free(options: dict[str, Any]) -> None:
-    """Modelica's freewheel parallel to a dry clutch: at 1.5 s the relative velocity touches 0 with slope 0."""
+    """Modelica's freewheel beside a dry clutch: at 1.5 s the relative velocity touches 0 with slope 0."""
     scene = Scene(
         Body("in", inertia=1, velocity=-0.5),
         Body("out", inertia=1),
@@ -767,7 +767,7 @@ def test_a_clutch_that_only_touches_stays_free(options: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("options", [{"method": "series"}, {"method": "BDF"}, {"formulation": "multiplier"}])
 def test_a_drive_that_comes_back_to_0_at_the_very_end(options: dict[str, Any]) -> None:
-    """An event within roundoff of the end of the span is one at its end: time cannot tell them apart."""
+    """The drive is 0 at 1 s and at 2 s: a zero within roundoff of the end of the span is at its end, and no event."""
     scene = Scene(
         Drive("motor", velocity=sine(0.9035492188790291, frequency=0.5)),
         Body("wheel", inertia=0),

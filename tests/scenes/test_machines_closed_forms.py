@@ -45,7 +45,7 @@ def times(result: Result, name: str) -> list[float]:
 
 @both_engines
 def test_a_ball_on_a_vibrating_table(options: dict[str, Any], off: float) -> None:
-    """It leaves where A w^2 sin(w t) = g, flies a parabola, lands without rebound, and leaves again or at once."""
+    """It leaves where A w^2 sin(w t) = g, flies a parabola, and lands without rebound."""
     a, w, g = 0.02, 30.0, 9.81
     scene = Scene(
         Drive("table", velocity=sine(a * w, frequency=w / (2 * math.pi), phase=math.pi / 2)),
@@ -132,7 +132,7 @@ def test_a_bumper_before_a_rigid_end(options: dict[str, Any], off: float) -> Non
 
 @both_engines
 def test_what_two_stops_leave_no_room_stays(options: dict[str, Any], off: float) -> None:
-    """Each carries the load that comes its way."""
+    """Each stop carries the load while the load points towards it."""
     scene = Scene(
         Body("m", inertia=1.0),
         Stop("left", "m", GROUND, lower=0.0),
@@ -165,7 +165,7 @@ def test_a_dwelling_contact_holds_a_body_at_its_stop(options: dict[str, Any], of
 def test_a_drive_that_turns_round_jams_two_clutches(velocity: Any, options: dict[str, Any], off: float) -> None:
     """Of two shafts geared against each other neither may run ahead of the belt, which turns round at 2 s.
 
-    A contact beside one of the clutches could give way; they cannot.
+    A contact could give way there; the clutches cannot.
     """
     scene = Scene(
         Body("a", inertia=1.0),
@@ -184,7 +184,7 @@ def test_a_drive_that_turns_round_jams_two_clutches(velocity: Any, options: dict
 def test_a_clutch_lets_go_of_a_drive_whose_velocity_is_a_function() -> None:
     """A belt at ``sin(5 t) + 0.3`` m/s drives 3 kg against 1.3 N up to ``15 cos(5 t) = -1.3``, and catches them later.
 
-    Its acceleration is known by differences only: the force that comes to 0 has their roundoff.
+    The belt's acceleration is known by differences only: the clutch force that comes to 0 has their roundoff.
     """
     scene = Scene(
         Body("a", inertia=3.0, velocity=0.3),

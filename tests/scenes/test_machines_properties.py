@@ -19,7 +19,7 @@ every_case = pytest.mark.parametrize(("family", "number"), CASES)
 
 
 def drawn(family: str, number: int) -> dict[str, Any]:
-    """A copy of the scene: bounces that accumulate are left out, their number depends on roundoff."""
+    """A copy of the scene without bounces that accumulate, because their number depends on roundoff."""
     data = copy.deepcopy(FAMILIES[family][0](number))
     for row in data["rows"]:
         if row["kind"] == "stop" and row["e"] not in (0.0, 1.0):
@@ -34,7 +34,7 @@ def run(data: dict[str, Any], **options: Any) -> Result:
 
 @cache
 def plain_run(family: str, number: int) -> Result:
-    """The run that changed ones are compared with, simulated once."""
+    """The run with which runs of changed scenes are compared, simulated once."""
     return run(drawn(family, number))
 
 
@@ -93,7 +93,7 @@ def test_order_does_not_matter(family: str, number: int) -> None:
 @every_case
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_units_of_mass_do_not_matter(family: str, number: int, scale: float) -> None:
-    """All inertias, stiffnesses, forces and normal forces times 1e6: the same velocities."""
+    """All inertias, stiffnesses, forces and normal forces times a factor: the same velocities."""
     data = drawn(family, number)
     plain = plain_run(family, number)
     for body in data["bodies"]:
@@ -111,7 +111,7 @@ def test_units_of_mass_do_not_matter(family: str, number: int, scale: float) -> 
 @every_case
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_units_of_length_do_not_matter(family: str, number: int, scale: float) -> None:
-    """All positions, velocities, limits and forces times 1e6: the same times."""
+    """All positions, velocities, limits, forces and normal forces times a factor: the same times."""
     data = drawn(family, number)
     plain = plain_run(family, number)
     for body in data["bodies"]:
@@ -163,9 +163,9 @@ def test_ties_hold(family: str, number: int) -> None:
 @pytest.mark.parametrize("number", range(1, 9))
 @pytest.mark.parametrize("family", ["gaps", "stops", "machines"])
 def test_free_components_keep_their_momentum(family: str, number: int) -> None:
-    """Without loads, ground and drives ``z M v`` stays for each motion z of which no row takes notice.
+    """Without loads, ground and drives ``z M v`` stays for each motion z with ``G z = 0``, in which no row moves.
 
-    That is the momentum, generalised by ties and radii; impacts, clutches and gaps leave it as it is.
+    This is the momentum, generalised for ties and radii; impacts, clutches and gaps do not change it.
     """
     data = drawn(family, number)
     names = [body["name"] for body in data["bodies"] if body["inertia"] is not None]

@@ -77,7 +77,7 @@ def test_unloading_breaks_a_block_loose() -> None:
 
 
 def test_the_level_rises_while_a_block_rests() -> None:
-    # B = 3 - exp(-t/0.5) meets a load of 2.5 N in the instant it has grown to that: held where it has rested before
+    # B = 3 - exp(-t/0.5) reaches the load of 2.5 N after a rest of 0.5 ln 2 s: a longer rest before the start holds
     held = solve(block(2.5, tau=0.5, rested=0.5 * math.log(2.0) + 1e-6))
     slips = solve(block(2.5, tau=0.5, rested=0.5 * math.log(2.0) - 1e-6))
     assert (held.initial, slips.initial) == ((0,), (1,))
@@ -159,7 +159,8 @@ def test_a_freewheel_lets_go_as_the_load_turns() -> None:
 
 
 def test_an_open_contact_at_rest_keeps_the_time_since_which_it_rests() -> None:
-    # B = 3 - exp(-t/0.5) N/10 N under 2.5 N from 1 s on: at rest for 1 s it holds, just become stuck it would not
+    # N = 10 N at 1 s, and B = 3 - exp(-t/0.5) N after a rest of t. At rest for 1 s it holds 2.865 N: 2.5 N, not 2.9 N.
+    # Just become stuck it would hold 2 N only.
     normal = [[0, 10], [0.4, 10], [0.4, -1], [0.5, -1], [0.5, 10]]
     found = solve(block([[1, 0], [1, 2.5]], normal=normal, tau=0.5))
     assert not found.events and found.velocity(2.0) == pytest.approx([0.0], abs=0.0)

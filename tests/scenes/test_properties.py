@@ -13,7 +13,7 @@ from validation.random_scenes import CHECKS, STOP, draw
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CHECKS)
 def test_scenes_move_as_laws_and_symmetries_say(name: str) -> None:
-    """No row of the validation runs these by default."""
+    """No row of the validation runs scenes of these numbers by default."""
     measure, *_, bound = CHECKS[name]
     for number in range(1000, 1015):
         assert measure(number) <= bound, f"scene {number}"
@@ -67,7 +67,7 @@ def test_an_unconnected_scene_changes_nothing(number: int) -> None:
 
 @pytest.mark.slow
 def test_three_contacts_at_their_levels_whose_forces_on_one_body_point_both_ways() -> None:
-    """Limiting their shares one after another ran in a circle."""
+    """Limiting the shares of the contacts one after another once ran in a circle."""
 
     def law(static: float, coulomb: float, **more: float) -> DryFriction:
         return DryFriction(static, coulomb, **more)

@@ -34,7 +34,7 @@ def machine(seed: int, loads: bool = True) -> Scene:
     """A tree of ties over half of the bodies, a loop that agrees with it, and contacts and clutches all over."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(4, 8))
-    # what each body turns per turn of the first in its group; two groups
+    # turns of each body per turn of the first in its group; two groups
     group = np.array([0, 1, *rng.integers(0, 2, n - 2)])
     turn = np.ones(n)
     velocity = rng.uniform(-2, 2, 2).round(3)
@@ -85,7 +85,7 @@ def run(scene: Scene, **options: Any) -> Result:
 
 @cache
 def plain_run(seed: int) -> Result:
-    """The run that others are compared with, simulated once."""
+    """The run with which others are compared, simulated once."""
     return run(machine(seed))
 
 
@@ -121,7 +121,7 @@ def test_the_equations_of_motion_hold(seed: int) -> None:
     scene = machine(seed, loads=False)
     result = simulate(scene, (0, 3), t_eval=np.linspace(0, 3, 6001))
     t = result.t
-    # friction of unit radii with no outer force: the impulses of all rows explain every change of momentum
+    # no force from outside: the impulses of all rows explain every change of momentum
     for body in scene.bodies:
         push = np.zeros(t.size)
         for row in scene.rows:

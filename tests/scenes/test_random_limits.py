@@ -1,4 +1,4 @@
-"""Random machines with gaps, stops, gears, clutches and contacts: what holds for all of them; and what is refused."""
+"""Random machines with gaps, stops, gears, clutches and contacts: properties of all of them; refused arguments."""
 
 from __future__ import annotations
 

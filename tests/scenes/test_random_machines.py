@@ -105,13 +105,13 @@ def test_formulations_agree(group: str) -> None:
 
 @pytest.mark.parametrize("number", [27, 31])
 def test_scenes_that_differed(number: int) -> None:
-    """A clutch beside a loop counted as at rest while it turned; roundoff between two loops was taken for a force."""
+    """Once a clutch beside a loop was taken as at rest while it turned, and roundoff between two loops as a force."""
     assert difference("clutches", "auto", number) < 1e-11
 
 
 @pytest.mark.slow
 def test_rows_that_share_are_at_rest_however_the_search_came_there() -> None:
-    """A contact at its level beside two clutches was let go one by one, and came to rest at velocity 0 again."""
+    """Once rows that share were let go one by one: a contact at its level beside two clutches came to rest again."""
     assert difference("machines", "auto", 228) < 1e-11
 
 
@@ -139,7 +139,7 @@ def test_machines_side_by_side_move_as_each_alone(seed: int) -> None:
 
 
 def test_what_drives_tear_leaves_loops_alone_that_no_drive_is_at() -> None:
-    """Roundoff of the forces that share loops of the clutches was taken for a drive that tears them, too."""
+    """Once roundoff of the forces in loops of clutches was taken for a drive that tears these loops, too."""
     torn, others = machine("radii", 859596, "a "), machine("clutches", 341547, "b ")
     together, alone = simulate(Scene(*others, *torn), (0.0, 2.0)), simulate(Scene(*torn), (0.0, 2.0))
     found, right = told(together, "a "), told(alone, "a ")
@@ -152,7 +152,7 @@ def test_where_ties_lock_everything_forces_are_roundoff_of_the_loads() -> None:
 
 
 def test_a_stop_that_lets_go_is_at_its_limit() -> None:
-    """A load lifts it off with a force that starts at 0: no impact follows, though roundoff has it begin in flight."""
+    """A load that starts at 0 lifts the stop off: no impact follows, although by roundoff the stop begins in flight."""
     assert difference("stops", "BDF", 6) < 1e-6
 
 

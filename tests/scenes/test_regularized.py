@@ -112,7 +112,7 @@ def test_the_least_pre_slip_velocity_that_is_advised_is_enough() -> None:
 
 @pytest.mark.parametrize("velocity", [1e-6, 1e-7, 1e-8])
 def test_the_smallest_velocities_are_limited_by_the_tolerance(exact: Result, velocity: float) -> None:
-    """At the default tolerances nothing is gained below 1e-6: the floor is some 5e-6; it costs nothing either."""
+    """At the default tolerances the error stays near 5e-6 below a velocity of 1e-6, and the cost does not grow."""
     result = simulate(flywheel_benchmark().regularized(velocity=velocity), (0.0, 1.0), t_eval=TIMES)
     assert told(result) == STORY
     assert np.abs(result.y - exact.y).max() < 1e-5
@@ -132,7 +132,7 @@ def test_stiffness_is_inverse_to_the_pre_slip_velocity() -> None:
 
 
 def test_building_up_in_closed_form() -> None:
-    """A constant load F in pre-slip: ``v = F v_pre / B (1 - exp(-B t / (m v_pre)))``, below v_pre for ever."""
+    """A constant load F < B in pre-slip: ``v = F v_pre / B (1 - exp(-B t / (m v_pre)))``, below v_pre for ever."""
     result = simulate(block(PreSlip(DryFriction(0.5, 0.3), 0.2), Force("a", 4.0)), (0.0, 1.0), **TIGHT)
     assert not result.events and np.all(result.mode("c") == 0)
     np.testing.assert_allclose(result.velocity("a"), 4 * 0.2 / 5 * -np.expm1(-5 * result.t / 0.2), atol=1e-10)
@@ -140,7 +140,7 @@ def test_building_up_in_closed_form() -> None:
 
 
 def test_frictional_memory() -> None:
-    """The peak on breaking away only; back in pre-slip below 0.1 v_pre, in between on the Coulomb level."""
+    """Force peaks at 5 N on breaking away only. Slowing down it is 2 N, the Coulomb level, until 0.1 v_pre."""
     load = piecewise_linear([0.0, 6.0, 6.0, 20.0], [0.0, 6.0, 0.0, 0.0])
     result = simulate(block(PreSlip(DryFriction(0.5, 0.2), 0.1), Force("a", load)), (0.0, 20.0), **TIGHT)
     assert told(result) == [("c", 0, 1), ("c", 1, 0)]
@@ -183,7 +183,7 @@ def test_anisotropic_pre_slip() -> None:
 
 @pytest.mark.parametrize(("shape", "order"), [("tanh", 1.0), ("arctan", 2 / 3)])
 def test_smooth_shapes_converge_to_friction_without_a_peak(shape: Any, order: float) -> None:
-    """arctan is slower: while the load passes the Coulomb level its tail, falling like v_pre / w, gives way."""
+    """arctan converges more slowly: its force lacks about v_pre / w of the Coulomb level when the load is near it."""
     flat = DryFriction(0.1, 0.1)
     hard = simulate(flywheel_benchmark(flat), (0.0, 1.0), t_eval=TIMES)
     velocities, errors = [1e-3, 1e-4, 1e-5], []
@@ -205,7 +205,7 @@ def test_tanh_sliding_to_rest_in_closed_form() -> None:
 
 
 def test_arctan_reaches_its_level_slowly() -> None:
-    """At 1000 v_pre tanh is at its level; arctan lacks ``4 / (pi^2 1000)`` of it."""
+    """At w = 1000 v_pre tanh has reached its level; arctan lacks ``4 / (pi^2 1000)`` of it."""
     for shape, lack in (("tanh", 0.0), ("arctan", 4 / (math.pi**2 * 1e3))):
         result = simulate(block(PreSlip(DryFriction(0.5, 0.2), 1e-3, shape), velocity=1.0), (0.0, 1e-6))
         assert result.force("c")[0] == pytest.approx(2.0 * (1 - lack), rel=1e-6)
@@ -261,7 +261,7 @@ def test_jacobians_are_exact(monkeypatch: pytest.MonkeyPatch, n: int, is_sparse:
             ahead[i], back[i] = y[i] + h, y[i] - h
             change = motion.rate(tau, motion.exact(tau, ahead)) - motion.rate(tau, motion.exact(tau, back))
             numeric[:, i] = change / (ahead[i] - back[i])
-        # dependent velocities follow the independent ones: as arguments only these count
+        # dependent velocities follow the independent ones: the Jacobian is compared for independent ones only
         free = np.setdiff1d(np.arange(y.size), motion.equations.dependent)
         assert free.size < y.size or not (motion.equations.modes[motion.system.hard] == 0).any()
         exact, numeric = exact[:, free], numeric[:, free]
@@ -331,7 +331,7 @@ def test_karnopp_on_a_drive() -> None:
 
 
 def test_karnopp_errs_by_its_band() -> None:
-    """The dead band stops the block early, by exactly its velocity over the deceleration."""
+    """The dead band stops the block too early by exactly the band's velocity over the deceleration of 1 m/s^2."""
     for band in (1e-1, 1e-2, 1e-3):
         result = simulate(block(Karnopp(DryFriction(0.2, 0.1), band), velocity=1.0), (0.0, 2.0))
         assert 1.0 - result.events[0].t == pytest.approx(band, rel=1e-9)
@@ -356,7 +356,7 @@ def test_karnopp_is_led_through_its_band(options: dict[str, Any]) -> None:
 
 
 def test_karnopp_takes_others_along_as_it_stops() -> None:
-    """``v = 1 - 1.1 t`` enters the band of 0.01 at 0.9 s: from there on it is the belt at 5 mm/s that is faster."""
+    """``v = 1 - 1.1 t`` enters the band of 0.01 at 0.9 s: then it stands, and the belt at 5 mm/s is faster."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Drive("belt", velocity=0.005),
@@ -387,7 +387,7 @@ def test_karnopp_takes_others_along_as_it_stops() -> None:
     ],
 )
 def test_karnopp_that_has_left_rest_moves_on_through_its_band(elsewhere: list[Any], options: dict[str, Any]) -> None:
-    """A push of 2.01 N beyond its level of 2 N leaves 1.01 m/s^2, whatever happens to another body meanwhile."""
+    """A push of 2.01 N breaks the level of 2 N; 1.01 N are left to accelerate 1 kg, whatever happens elsewhere."""
     law = Karnopp(DryFriction(0.2, 0.1), 0.1)
     scene = Scene(
         Body("a", inertia=1.0),
@@ -447,7 +447,7 @@ def test_karnopp_lets_what_a_stop_throws_back_into_its_band_move_on(start: float
     "options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}, {"method": "RK4", "step": 1e-3}]
 )
 def test_karnopp_turns_no_clutch_forward(options: dict[str, Any]) -> None:
-    """A belt turns round within the band: its body is braked with 2 m/s^2 to the one that the clutch locks it to."""
+    """The belt of b1 turns round at 0.2 s: 2 m/s^2 brake b1 from 0.1 m/s to 0, where the clutch locks it to b0."""
     law = Karnopp(DryFriction(0.3, 0.2), 1.0)
     scene = Scene(
         Body("b0", inertia=1.0),
@@ -527,8 +527,8 @@ def test_a_reversal_without_normal_force_shows_its_direction(law: Law) -> None:
 
 @pytest.mark.parametrize("law", [PreSlip(DRY, 1e-3), PreSlip(DRY, 1e-3, "tanh")])
 def test_a_gap_whose_damping_is_clipped_presses_a_regularised_contact(law: Law) -> None:
-    # far above the pre-slip velocity friction is that of Coulomb: it takes mu times the impulse of the gap, which is
-    # what the other body has gained
+    # far above the pre-slip velocity friction is that of Coulomb: it takes mu times the impulse of the gap, and the
+    # momentum that the pad gains is this impulse
     scene = Scene(
         Body("m", inertia=1.0, velocity=3.0),
         Body("pad", inertia=1.0, velocity=1.0),
@@ -543,7 +543,7 @@ def test_a_gap_whose_damping_is_clipped_presses_a_regularised_contact(law: Law) 
 @pytest.mark.parametrize("law", [DRY, PreSlip(DRY, 1e-3), LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
 @pytest.mark.parametrize("seed", range(8))
 def test_a_normal_force_that_ends_at_the_border_of_a_table(law: Law, seed: int) -> None:
-    # N = s (a - v t) up to a / v, nothing afterwards: both end at once, but for roundoff
+    # N = s (a - v t) up to a / v, then 0: the line of the table and the normal force end together but for roundoff
     a, v, s = np.random.default_rng(seed).uniform([0.3, 0.8, 5.0], [0.7, 1.2, 12.0])
     pressed = saturate(s * (a - position("clock")), 0.0, 9.0)
     scene = Scene(
@@ -554,14 +554,14 @@ def test_a_normal_force_that_ends_at_the_border_of_a_table(law: Law, seed: int) 
     )
     result = simulate(scene, (0.0, 1.5))
     impulse = DRY.mu_coulomb * s * a**2 / (2 * v)
-    # bristles bend first, and hold no more than sigma z meanwhile
+    # bristles have to bend first: until then their force is below mu N
     assert result.velocity("m")[-1] == pytest.approx(1.5 - impulse, abs=1e-9 if law is DRY else 5e-3)
     assert not result.events
 
 
 @pytest.mark.parametrize("law", [LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
 def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> None:
-    # solvers follow them wrongly: mu N has an impulse of 0.4375 N s from 1.5 s on, of which they found a half
+    # solvers follow them wrongly: they found half of the impulse of mu N from 1.5 s on, 0.35 * 1.25 = 0.4375 N s
     pressed = saturate(5.0 - 10.0 * position("clock"), 0.0, 9.0) + saturate(10.0 * position("clock") - 15.0, 0.0, 9.0)
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0),
@@ -578,7 +578,7 @@ def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> 
 @pytest.mark.parametrize("law", [LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
 @pytest.mark.parametrize("seed", [10, 11, 30, 70, 131, 151])
 def test_bristles_that_a_table_presses_from_nothing_are_refused(law: Law, seed: int) -> None:
-    """The table ends at a, and rises again from 2 a on: there roundoff does not tell on which side it is."""
+    """The normal force ends at a and rises from 2 a on: roundoff hides on which side of this corner the clock is."""
     a, v, s = np.random.default_rng(seed).uniform([0.3, 0.8, 5.0], [0.7, 1.2, 12.0])
     pressed = table(position("clock"), [0.0, a, 2 * a, 3 * a], [s, 0.0, 0.0, s])
     scene = Scene(
@@ -593,7 +593,7 @@ def test_bristles_that_a_table_presses_from_nothing_are_refused(law: Law, seed: 
 
 @pytest.mark.parametrize("options", [{"method": "BDF", "max_step": 0.1}, {"formulation": "multiplier"}])
 def test_bristles_without_friction_do_nothing(options: dict[str, Any]) -> None:
-    """One that presses nothing, and one whose coefficients are 0, beside a spring: ``v = cos(w t)``."""
+    """One contact has normal force 0, the other coefficients 0; only the spring acts: ``v = cos(w t)``."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Spring("a", GROUND, stiffness=10.0),
@@ -607,7 +607,7 @@ def test_bristles_without_friction_do_nothing(options: dict[str, Any]) -> None:
 def test_what_bristles_pull_from_rest_touches_nothing() -> None:
     """Bristles bend over 22.5 mm at 131 m/s to 2.25 N; the contact that lets go at once holds 0.18 N at rest only.
 
-    Its first velocities lie within the tolerances of CVODE; later ones must not make of that a fall to 0.
+    Its first velocities lie within the tolerances of CVODE; beside later ones they must not look like a fall to 0.
     """
     scene = Scene(
         Body("a", inertia=1.0),
@@ -643,7 +643,7 @@ def pressed_on_a_belt(stiffness: float, normal_force: Any, speed: float, damping
 def test_bristles_in_steady_sliding_have_the_level_however_fast_they_relax(
     stiffness: float, normal_force: float, speed: float, damping: float
 ) -> None:
-    """``sigma_0 z = mu N`` in steady sliding, also where they relax with ``sigma_0 |w| / (mu N) = 5e11 /s``."""
+    """``sigma_0 z = mu N`` in steady sliding, also where bristles relax with ``sigma_0 |w| / (mu N) = 5e11 /s``."""
     result = simulate(pressed_on_a_belt(stiffness, normal_force, speed, damping), (0.0, 1.0))
     assert result.force("c")[-1] == pytest.approx(-0.2 * normal_force, rel=1e-4)
 
@@ -660,7 +660,7 @@ def test_bristles_in_steady_sliding_have_the_level_however_fast_they_relax(
     ],
 )
 def test_bristles_that_relax_faster_than_can_be_followed_end_the_run(stiffness: float, normal_force: Any) -> None:
-    """Their friction would be larger than its level."""
+    """The run ends because the computed friction would exceed its level mu N."""
     with pytest.raises(SimulationError, match=r"contact 'c': its bristles relax faster than 1e\+12 /s"):
         simulate(pressed_on_a_belt(stiffness, normal_force, 1.0), (0.0, 1.0))
 
@@ -688,7 +688,7 @@ def test_bristles_whose_normal_force_touches_0_in_sliding_end_the_run_there(law:
 
 @pytest.mark.parametrize("law", [Dahl(DryFriction(0.4, 0.4), 500.0), LuGre(DryFriction(0.4, 0.4), 500.0)])
 def test_bristles_are_followed_where_their_normal_force_is_0_at_rest(law: Law) -> None:
-    """With ``N = 10 |v|`` they relax at ``500 / 4 = 125 /s`` whatever the velocity: the motion is linear."""
+    """With ``N = 10 |v|`` they relax at ``500 |v| / (0.4 N) = 125 /s`` whatever the velocity: the motion is linear."""
     normal = table(relative_velocity("c"), [-100.0, 0.0, 100.0], [1000.0, 0.0, 1000.0])
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0, position=-0.5),
@@ -703,7 +703,7 @@ def test_bristles_are_followed_where_their_normal_force_is_0_at_rest(law: Law) -
 @pytest.mark.parametrize("stop", [3.0, 100.0])
 @pytest.mark.parametrize("beside", [[], [Body("rotor", inertia=1.0, velocity=3000.0)]])
 def test_stiff_bristles_that_hold_are_followed_whatever_others_do(stop: float, beside: list[Any]) -> None:
-    """A load of 15 N on a spring of 1e8 N/m moves 1 kg with ``F / sqrt(sigma_0 m) = 1.5e-3 m/s`` at the most."""
+    """Bristles hold 15 N like a spring of 1e8 N/m: 1 kg moves with ``F / sqrt(sigma_0 m) = 1.5e-3 m/s`` at most."""
     normal_force = piecewise_linear([1.0, 1.0, 2.0, 2.0], [100.0, 0.3, 0.3, 100.0])
     law = LuGre(DryFriction(0.3, 0.2), 1e8, 1e4)
     scene = block_on_bristles(law, normal_force, 0.0, Force("a", step(0.9, 15.0, 0.0)), *beside)
@@ -713,7 +713,7 @@ def test_stiff_bristles_that_hold_are_followed_whatever_others_do(stop: float, b
 
 @pytest.mark.parametrize("left", [0.0, 0.1 + 0.2 - 0.3])
 def test_roundoff_of_a_ramp_to_0_presses_no_bristles(left: float) -> None:
-    """The ramps take 0.2 times their impulse: v = 2 - 0.2 (3 + 2)."""
+    """Friction takes 0.2 times the impulse of N, 10 N for 0.3 s and a ramp of 0.4 s: v = 2 - 0.2 (3 + 2)."""
     law = LuGre(DryFriction(0.3, 0.2), 1e7, 0.1)
     scene = block_on_bristles(law, piecewise_linear([0.3, 0.7], [10.0, left]), 2.0)
     assert simulate(scene, (0.0, 1.0)).velocity("a")[-1] == pytest.approx(1.0, abs=1e-5)
@@ -744,7 +744,10 @@ def test_bristles_whose_normal_force_ends_on_a_ramp(law: Any, force: float, tole
 def test_a_start_at_the_pre_slip_velocity(
     side: int, lever: float, part: float, push: float, slope: float | None
 ) -> None:
-    """A push beyond the level of 0.5 N makes it slip against 0.4 N; one below slows it, towards 0.45 / 0.5 of that."""
+    """2 N, beyond the level of 0.5 N, make it slip against 0.4 N; so do 0.45 N from above the pre-slip velocity.
+
+    From below, 0.45 N slow it down towards 0.45 / 0.5 of the pre-slip velocity.
+    """
     law = PreSlip(DryFriction(0.5, 0.4), velocity=0.01)
     scene = Scene(
         Body("b", inertia=1.0, velocity=side * 0.01 * (1 + part) / lever),
@@ -767,7 +770,7 @@ def test_a_start_at_the_pre_slip_velocity(
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("inertia", [0.7, 1.0, 2.61])
 def test_bristles_that_the_speed_itself_presses(inertia: float, side: int, options: dict[str, Any]) -> None:
-    """With N = 2 v they relax at the constant rate k = sigma / (2 mu): v' = (F - F_0 - sigma z) / m, z' = v - k z.
+    """With N = 2 v bristles relax at the rate k = sigma / (2 mu): v' = (F - F_0 - sigma z) / m, z' = v - k z.
 
     The brake lets go at 0.3 s, F - F_0 grows by 1 N/s from then on; it is the third unknown, and 1 is the fourth.
     """
@@ -789,7 +792,7 @@ def test_bristles_that_the_speed_itself_presses(inertia: float, side: int, optio
 
 @pytest.mark.parametrize("rtol", [1e-5, 1e-6, 1e-7])
 def test_contacts_that_the_speed_presses_open_where_it_turns(rtol: float) -> None:
-    """What presses with N = -2 v from the start is open once v has turned at 0.012 s, whatever of v is left there."""
+    """Both contacts are pressed with N = -2 v, and open once v turns at 0.012 s, whatever of v is left there."""
     bristles, curve = LuGre(DryFriction(0.21, 0.21), 300.0, 3.0), DryFriction(0.456, 0.38, stribeck_velocity=0.06)
     scene = Scene(
         Body("a", inertia=2.97),

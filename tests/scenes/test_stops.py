@@ -81,7 +81,7 @@ def test_a_slider_between_rigid_stops(options: dict[str, Any], off: float) -> No
 
 
 def last_bounce(height: float, restitution: float, drag: float) -> float:
-    """Return when a ball of 1 kg at rest has bounced its last, with a drag of ``drag v^2`` in N.
+    """Return the time of the last bounce of a ball of 1 kg let go at a height, with a drag of ``drag v^2`` in N.
 
     From a height h it falls for ``acosh(exp(k h)) / sqrt(g k)``, and has ``v^2 = g (1 - exp(-2 k h)) / k`` then. Thrown
     up at v it rises for ``atan(v sqrt(k / g)) / sqrt(g k)``, by ``log(1 + k v^2 / g) / 2 k``.
@@ -101,7 +101,7 @@ def last_bounce(height: float, restitution: float, drag: float) -> float:
 @pytest.mark.parametrize("restitution", [0.5, 0.6])
 @pytest.mark.parametrize("height", [0.05, 0.25, 0.3, 0.5])
 def test_a_ball_bounces_to_rest_in_air(height: float, restitution: float, method: Any) -> None:
-    """Nothing but forces that a function tells moves the ball, so that the solver learns as it goes how fast it is."""
+    """Only a function moves the ball, so the solver cannot know the ball's speed in advance."""
     scene = Scene(
         Body("ball", inertia=1.0, position=height),
         Stop("ground", "ball", GROUND, lower=0.0, restitution=restitution),
@@ -165,7 +165,7 @@ def test_a_ball_bounces_to_rest_whatever_else_spins(others: int, height: float) 
 @every_engine
 @pytest.mark.parametrize("stop", [1e4, 1e6])
 def test_a_ball_bounces_however_long_the_run(stop: float, options: dict[str, Any], off: float) -> None:
-    """Its weight would make it far faster in all that time than it gets; it rests after ``t1 (1 + e)/(1 - e)``."""
+    """Falling for the whole span it would get far faster than it does; it rests after ``t1 (1 + e)/(1 - e)``."""
     g, e, height = 9.81, 0.8, 0.2
     scene = Scene(
         Body("ball", inertia=1.0, position=height),
@@ -205,7 +205,7 @@ def test_a_ball_bounces_to_rest_on_a_moving_plate_however_late(
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8])
 @pytest.mark.parametrize("plate", [0.0, sine(1e-3, 0.1)], ids=["at rest", "shaken"])
 def test_the_last_flights_of_a_ball_leave_others_alone(plate: Any, restitution: float, stop: float) -> None:
-    """They end in less time than can be told in a long run; a block on a spring turns round at k pi / 10 s."""
+    """The last flights are shorter than roundoff of a long run's time; a block on a spring turns at k pi / 10 s."""
     scene = Scene(
         Body("ball", inertia=1.0, position=0.02),
         Force("ball", -9.81),
@@ -224,7 +224,7 @@ def test_the_last_flights_of_a_ball_leave_others_alone(plate: Any, restitution: 
 @every_engine
 @pytest.mark.parametrize("ratio", [10.0, 1e6])
 def test_a_ball_that_turns_a_flywheel_bounces_like_any_other(ratio: float, options: dict[str, Any], off: float) -> None:
-    """Its force moves the flywheel, too: it falls for 0.5 s with 8 m/s^2, and rebounds with e = 1/2 until 1.5 s."""
+    """The load moves ball and flywheel: the ball falls for 0.5 s with 8 m/s^2, rebounds with e = 1/2 until 1.5 s."""
     scene = Scene(
         Body("ball", inertia=1.0, position=1.0),
         Body("flywheel", inertia=2.0),
@@ -259,7 +259,7 @@ def test_balls_that_land_together_rebound_each_for_itself(
 
 
 def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
-    """``0.3 - 3 * 0.1`` is 5.6e-17 below 0: it lies on the floor; 1e-12 are refused as the user's."""
+    """``0.3 - 3 * 0.1`` is 5.6e-17 below 0: the body lies on the floor. A start 1e-12 below is refused."""
     law = Stop("floor", "m", GROUND, lower=0.0)
     result = simulate(Scene(Body("m", inertia=1.0, position=0.3 - 3 * 0.1), law, Force("m", -1.0)), (0.0, 1.0))
     assert not result.events and result.force("floor")[-1] == -1.0
@@ -269,7 +269,7 @@ def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
 
 @pytest.mark.parametrize("origin", [300.0, 1e4, 1e6])
 def test_a_ball_bounces_on_a_plate_wherever_the_origin_is(origin: float) -> None:
-    """Flights are far shorter than roundoff of the places, and told from the velocities all the same."""
+    """The last flights are far lower than roundoff of the positions; the velocities still show them."""
 
     def dropped(at: float) -> Result:
         scene = Scene(
@@ -290,7 +290,10 @@ def test_a_ball_bounces_on_a_plate_wherever_the_origin_is(origin: float) -> None
 
 
 def test_a_solver_does_not_rebound_where_the_flight_is_roundoff() -> None:
-    """A ball at 0.4 m, impacts as above with e = 0.06: from ``v = 1e-6 m/s`` on its flights are roundoff of 0.4 m."""
+    """A ball on a floor at 0.4 m, impacts as above with e = 0.06. After the fourth it would rebound with 5e-7 m/s.
+
+    This flight would be 2e-13 m high, which a solver cannot resolve beside 0.4 m: the stop closes.
+    """
     g, e, height = 0.8, 0.06, 1e-3
     scene = Scene(
         Body("ball", inertia=2.0, position=0.4 + height),
@@ -329,7 +332,7 @@ def test_a_rebound_is_there_however_soon_the_run_ends(ahead: float) -> None:
 def test_a_run_may_end_within_roundoff_of_an_impact(options: dict[str, Any], off: float) -> None:
     """The body of 1 m/s comes to the wall at 0.5 s and rebounds with 0.25 m/s; friction slows it by 0.1 m/s^2.
 
-    Where its end is so near, a solver may find the impact a moment too late: then it is not yet there.
+    Where the end of the run is so near, a solver may find the impact too late: then the run ends before it.
     """
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.05),
@@ -346,7 +349,8 @@ def test_a_run_may_end_within_roundoff_of_an_impact(options: dict[str, Any], off
 def test_a_rebound_that_does_not_happen_is_in_the_ledger(options: dict[str, Any]) -> None:
     """A body of 3 kg at 1 m/s comes to a belt at 2 m/s, which takes it along: e = 0.6, but the margin is 0.7 m/s.
 
-    The belt gives ``m v_belt (v_belt - v) = 6 J``: half of the way from 1.5 J to 6 J is lost, ``m (v_belt - v)^2 / 2``.
+    The belt gives ``m v_belt (v_belt - v) = 6 J``: the body goes from 1.5 J to 6 J, ``m (v_belt - v)^2 / 2 = 1.5 J``
+    are lost.
     """
     scene = Scene(
         Drive("belt", velocity=2.0),
@@ -366,7 +370,7 @@ def test_a_rebound_that_does_not_happen_is_in_the_ledger(options: dict[str, Any]
 def test_an_event_elsewhere_does_not_end_a_low_flight() -> None:
     """The ball that falls by 1 m to 3 m, impacts at ``t_n = t1 (1 + 2 e + ... + 2 e^n)``: flight 22 is 1.7e-10 m high.
 
-    A block that slides alone comes to rest as the ball falls back: at ``t = v / (mu g)``. The ball rebounds as ever.
+    A block that slides alone comes to rest as the ball falls back: at ``t = v / (mu g)``. The ball rebounds as before.
     """
     g, e, mu = 9.81, 0.6, 0.3
     t1 = math.sqrt(2 / g)
@@ -392,7 +396,7 @@ def test_an_event_elsewhere_does_not_end_a_low_flight() -> None:
 
 @every_engine
 def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any], off: float) -> None:
-    """Pressed with 3 N, then pulled with a growing force: the stop opens at 0 N, the contact lets go at 2 N."""
+    """Pressed with 3 N, from 1 s on with 4 - t N: at 6 s the pull is 2 N, friction's level; contact and stop let go."""
     scene = Scene(
         Body("block", inertia=1.0, position=1.0),
         Force("block", piecewise_linear([0, 1, 9], [3, 3, -5])),
@@ -401,7 +405,7 @@ def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any
     )
     result = simulate(scene, (0, 7), **options)
     assert {(e.contact, e.after) for e in result.events} == {("dry", Mode.BACKWARD), ("end", Mode.OPEN)}
-    # stop and friction share what holds the block; both let go where friction alone cannot hold
+    # stop and friction share the load; both let go where friction alone cannot hold
     assert times(result, "dry") == pytest.approx([6.0], abs=off)
     assert result.mode("end")[0] == Mode.FORWARD
     assert result.mode("end")[-1] == Mode.OPEN
@@ -416,7 +420,7 @@ def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any
 
 @every_engine
 def test_a_load_lifts_a_body_off_its_stop(options: dict[str, Any], off: float) -> None:
-    """A force ``sin(2 pi t / 4) - 0.5`` from its second second on: closed while it presses."""
+    """A force ``sin(pi t / 2)``: it presses the body against the stop for 2 s, then lifts it off."""
     scene = Scene(
         Body("m", inertia=1.0, position=0.0),
         Force("m", sine(1.0, frequency=0.25)),
@@ -449,7 +453,7 @@ def cradle(play: float) -> Scene:
 
 @every_engine
 def test_a_cradle_of_five(options: dict[str, Any], off: float) -> None:
-    """With play it goes ball by ball; where all touch, Newton's law for all rows at once throws four on together.
+    """With play the impact goes from ball to ball. Where all touch, Newton's law at all stops moves four alike.
 
     Balls 2 to 5 get ``v``, ball 1 ``v - 1``: momentum ``5 v - 1 = 1``, so v = 0.4, and no energy is lost.
     """
@@ -465,7 +469,7 @@ def test_a_cradle_of_five(options: dict[str, Any], off: float) -> None:
 
 @every_engine
 def test_a_ball_between_closing_walls(options: dict[str, Any], off: float) -> None:
-    """The wall comes with 1/2 m/s: each blow adds 1 m/s. Its width times the ball's speed against it stays."""
+    """The wall comes with 1/2 m/s: each of its blows adds 1 m/s to the speed of the ball."""
     scene = Scene(
         Drive("wall", velocity=-0.5, position=1.0),
         Body("ball", inertia=1.0, position=0.5, velocity=1.0),
@@ -631,7 +635,7 @@ def test_of_many_stops_those_rebound_at_once_that_start_at_a_limit() -> None:
 
 @pytest.mark.parametrize(("one", "other"), [(-3.0, -3.0), (3.0, 3.0), (0.1 + 0.2, 0.3), (-0.3, -0.1 - 0.2)])
 def test_what_starts_together_at_a_stop_goes_on_together(one: float, other: float) -> None:
-    """Neither side of a closed stop moves against the other but for roundoff, whichever way they go: nothing hits."""
+    """Both sides of a closed stop move with one velocity but for roundoff, forward or backward: there is no impact."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=one),
         Body("b", inertia=2.0, velocity=other),
@@ -643,7 +647,7 @@ def test_what_starts_together_at_a_stop_goes_on_together(one: float, other: floa
 
 
 def test_a_stop_that_parts_as_another_is_hit_gives_no_energy() -> None:
-    """A comes to the wall with 1 m/s and back, into B that leaves it with 0.5: both go on with 0.75, by momentum."""
+    """The wall throws A back with 1 m/s, into B, which moves away with 0.5 m/s: both go on with (1 + 0.5) / 2 m/s."""
     scene = Scene(
         Body("A", inertia=1.0, velocity=1.0),
         Body("B", inertia=1.0, velocity=-0.5),
@@ -657,7 +661,7 @@ def test_a_stop_that_parts_as_another_is_hit_gives_no_energy() -> None:
 
 
 def test_rebounds_that_end_keep_the_momentum() -> None:
-    """Bodies of 1 and 3 kg, pressed together by 1 N: they have 1.1 kg m/s, also where rebounds become roundoff."""
+    """Bodies of 1 and 3 kg, pressed together by 1 N: they keep 1.1 kg m/s, also where rebounds become roundoff."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=0.5, position=0.7),
         Body("b", inertia=3.0, velocity=0.2),
@@ -673,9 +677,9 @@ def test_rebounds_that_end_keep_the_momentum() -> None:
 
 @pytest.mark.parametrize(("step", "options"), [(0, {}), (3, {}), (4, {}), (7, {}), (1, {"formulation": "multiplier"})])
 def test_what_is_pressed_against_a_stop_stays_there_as_friction_turns_over(step: int, options: dict[str, Any]) -> None:
-    """30 N press a block against a swinging belt; friction of 1.2 N on the ground turns over with it.
+    """30 N press a block against a swinging belt; friction of 1.2 N on the ground changes its sign with the velocity.
 
-    In that instant the block is at rest, and friction could hold it; the load decides.
+    In that instant the block is at rest; friction alone could hold it, but the load presses it on against the stop.
     """
     frequency, phase = 0.3 + 0.05 * step, 0.2 * step
     scene = Scene(
@@ -798,7 +802,7 @@ def test_impacts_at_two_stops_that_accumulate_end_together() -> None:
 
 @pytest.mark.parametrize("rtol", [1e-7, 1e-8, 1e-9])
 def test_rebounds_lower_than_a_step_may_err_come_to_an_end(rtol: float) -> None:
-    """Each impact leaves 0.6 of the speed: some 25 are seen. A flight that gains speed from a step's error is none."""
+    """Each impact leaves 0.6 of the speed: there are some 25. A flight must not gain speed by the error of a step."""
     scene = Scene(
         Body("idle", inertia=1.51),
         Body("ball", inertia=1.72),
@@ -819,7 +823,7 @@ def test_rebounds_lower_than_a_step_may_err_come_to_an_end(rtol: float) -> None:
 
 
 def test_a_stop_that_hardly_leaves_its_limit_is_not_struck_by_roundoff() -> None:
-    """It leaves with next to no acceleration, and what a gear tells of its velocity is roundoff of others."""
+    """The stop opens with almost no acceleration; a gear sets its velocity, with the roundoff of other velocities."""
     scene = Scene(
         Body("a", inertia=1.49),
         Body("b", inertia=0.51),

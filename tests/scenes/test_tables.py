@@ -119,7 +119,7 @@ def test_a_cut_run_with_tables_goes_on() -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_limits_of_a_block_and_jumps_over_corners(way: dict[str, Any]) -> None:
-    """A gain of 10 limited to 2 drives a lag; a sampled output jumps over both corners of a saturation."""
+    """A gain of 10 limited to 2 pushes a body; a sampled output jumps over both corners of a saturation."""
     scene = Scene(
         Body("m", inertia=1.0),
         StateSpace("gain", -1.0, 0.0, 0.0, 10.0, inputs=[1.0 - velocity("m")], limits=[(-2.0, 2.0)]),
@@ -156,14 +156,17 @@ def test_normal_force_from_a_spring(way: dict[str, Any], form: str) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_contact_opens_and_closes_where_its_normal_force_comes_to_0(way: dict[str, Any]) -> None:
-    """x'' = -10 x - 0.8 sign(v) x while x > 0: half periods pi / sqrt(10 -+ 0.8) / 2 each, and free ones."""
+    """While x > 0, ``x'' = -10 x + 8 x - 0.8 sign(v) x``: pi / 2 / sqrt(1.2) s in, pi / 2 / sqrt(2.8) s out.
+
+    While x < 0 the contact is open: half a period of pi / sqrt(10) s.
+    """
     scene = Scene(
         Body("m", inertia=1.0, position=1.0),
         Spring("m", GROUND, stiffness=10.0),
         Contact("rub", "m", GROUND, DryFriction(0.3, 0.2), normal=4 * position("m")),
         Force("m", 2.0 * normal("rub")),
     )
-    # 2 N = 8 x pushes outward while pressed: x'' = -(2 -+ 0.8) x
+    # the load 2 N = 8 x pushes outward: x'' = -1.2 x inward, -2.8 x outward
     result = simulate(scene, (0.0, 4.0), rtol=1e-9, **way)
     slow, free = math.pi / 2 / math.sqrt(1.2), math.pi / math.sqrt(10.0)
     at = result.sample([slow, slow + free])
@@ -216,7 +219,7 @@ def test_a_stiff_spring_between_limits_is_followed_from_border_to_border() -> No
 
 
 def test_steep_tables_and_normal_forces_are_stiff() -> None:
-    """A limit of 1 N on -1e6 v: v falls with 1 m/s^2 to 1e-6 m/s; the implicit method follows what then decays."""
+    """A limit of 1 N on -1e6 v: v falls with 1 m/s^2 to 1e-6 m/s; the implicit BDF follows the fast decay then."""
     for scene in (
         Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", -saturate(1e6 * velocity("m"), -1.0, 1.0))),
         Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", -table(velocity("m"), [0.0, 1e-6], [0.0, 1.0]))),
@@ -359,7 +362,7 @@ def test_a_table_of_the_velocity_has_its_corner_where_it_turns(way: dict[str, An
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("law", [DryFriction(0.3, 0.2), DryFriction(0.3, 0.2, stribeck_velocity=0.3)])
 def test_tables_that_are_left_together(way: dict[str, Any], law: DryFriction) -> None:
-    """Two tables of the same velocity cancel: between their corners, which are one, the contact would be pressed."""
+    """Two tables of one velocity cancel. Their corners coincide: between two corners the contact would be pressed."""
     forward = saturate(velocity("m"), 0.0, math.inf)
     twice = saturate(2.0 * velocity("m"), 0.0, math.inf)
     scene = Scene(
@@ -420,7 +423,7 @@ def test_a_normal_force_of_roundoff_is_none(way: dict[str, Any], law: Any) -> No
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_corner_far_from_0_where_a_body_rests(way: dict[str, Any]) -> None:
-    """At 1000 m a position has the roundoff of 1000 m, whatever it is compared with."""
+    """At 1000 m a position has the roundoff of 1000 m, also where a table reads its distance from 1000 m."""
     rubs = DryFriction(0.4, 0.2, stribeck_velocity=0.3)
     x = position("rests") - 1000.0
     scene = Scene(

@@ -95,7 +95,7 @@ def test_an_event_right_after_a_start_is_seen(width: float) -> None:
 
 
 def test_two_crossings_right_after_a_start_are_seen() -> None:
-    """A contact released at w = 0 crosses 0 again within a small part of the next load break."""
+    """A contact released at w = 0 comes back to 0 within 3e-6 s, in a run of 100 s."""
     load = piecewise_linear([0.0, 1e-6, 2e-6, 100.0], [5.0, 5.001, -5.0, -5.0])
     result = simulate(block(load), (0.0, 100.0))
     assert result.mode("c")[0] == 1 or told(result)[0] == ("c", 0, 1)
@@ -104,7 +104,7 @@ def test_two_crossings_right_after_a_start_are_seen() -> None:
 
 
 def test_a_guard_that_reaches_zero_and_stays_there() -> None:
-    """The load rises to the limit and remains; the speed of a slider falls to that of its belt, and remains."""
+    """A load rises to the level of 5 N and stays; a slider comes to rest at 1 s, where 4 N begin, and stays at rest."""
     result = simulate(block(piecewise_linear([0, 1], [0, 5])), (0.0, 1e3))
     assert not result.events and np.all(result.velocity("a") == 0)
     stopping = simulate(block(piecewise_linear([1, 1], [0, 4]), velocity=4.0), (0.0, 100.0))
@@ -113,7 +113,7 @@ def test_a_guard_that_reaches_zero_and_stays_there() -> None:
 
 @pytest.mark.parametrize("excess", [1e-4, 1e-8])
 def test_two_crossings_inside_one_step_are_seen(excess: float) -> None:
-    """Force of a slow spring-mass on a stuck body: the peak over the limit is far shorter than a step."""
+    """A mass on a spring pulls a stuck body: its force exceeds the level for far less than a step."""
     scene = Scene(
         Body("a", inertia=1.0),
         Body("m", inertia=1.0, velocity=0.5 * (1 + excess)),
@@ -137,7 +137,7 @@ def test_a_load_that_touches_its_limit_between_samples_of_a_long_window() -> Non
 
 
 def test_an_event_exactly_at_a_load_break_happens_once() -> None:
-    """Coming to rest at 1 s, where the load begins; letting go at the very peak."""
+    """A block comes to rest at 1 s, where its load begins; another lets go at 1 s, where its load jumps from 5 N on."""
     law = DryFriction(0.5, 0.5)
     result = simulate(block(piecewise_linear([1, 2], [0, 4]), 2.0, law, velocity=1.0), (0.0, 2.0))
     assert told(result) == [("c", 1, 0), ("c", 0, 1)]
@@ -204,7 +204,7 @@ def test_the_state_after_a_root_is_projected() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "work"), [("BDF", "guard_calls"), ("series", "steps")])
 def test_many_events_are_neither_mixed_nor_slow(method: str, work: str) -> None:
-    """Records of events grow on a shared function: hundreds of events cost no more than few, each."""
+    """Solvers are used again after events: each of hundreds of events costs no more than each of few."""
     scene = Scene(*block(sine(20.0, 1.0), 10.0, DryFriction(0.4, 0.4)).elements)
     few, many = (simulate(scene, (0.0, stop), method=method) for stop in (10.0, 100.0))
     assert len(many.events) > 8 * len(few.events) > 100
@@ -324,7 +324,7 @@ def test_locked_motions_are_no_singular_system() -> None:
 
 
 def test_modes_that_flip_without_end_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Should time ever stand still, the contacts concerned are named instead of hanging."""
+    """Where time does not go on, an error names the contacts; the run does not hang."""
 
     def no_progress(self: Any, motion: Motion, guards: Any, horizon: float) -> Path:
         return Path(np.zeros(2), motion.y[None, None, :].copy(), motion.y, hit=True)
@@ -335,7 +335,7 @@ def test_modes_that_flip_without_end_are_an_error(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_drive_that_passes_zero_at_roundoff_does_not_trap_a_body_between_it_and_the_ground() -> None:
-    """The drive's velocity at the root is 1e-16, not 0: within the roundoff of the time it is at rest."""
+    """The drive's velocity at the root is 1e-16, not 0: within roundoff of the time the drive is at rest."""
     for start in (0.0, 2.9, 1e3):
         velocity = piecewise_linear([start, start + 0.07, start + 2.22], [0.16, -1.0, 0.81])
         scene = Scene(
@@ -352,7 +352,7 @@ def test_a_drive_that_passes_zero_at_roundoff_does_not_trap_a_body_between_it_an
 
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
 def test_falling_friction_on_a_belt(method: str) -> None:
-    """Leine's limit cycle, to twelve digits known: slip 4.29599952548016 s, stick 7.70503176935042 s."""
+    """Leine's limit cycle, known to twelve digits: slip 4.29599952548016 s, stick 7.70503176935042 s."""
     result = simulate(belt(), (0.0, 60.0), method=method, rtol=1e-11, atol=1e-13)
     stuck = [e.t for e in result.events if e.after == 0]
     released = [e.t for e in result.events if e.before == 0]
@@ -395,7 +395,7 @@ def test_stribeck_exponent_one_half(velocity: float) -> None:
 
 @pytest.mark.slow
 def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Modes flip every 1e-8 s, which would take a day, on such a curve with the slopes that it has."""
+    """With the true slopes of such a curve near rest, modes flip every 1e-8 s: the run would take a day."""
 
     def scene(belt: float, exponent: float) -> Scene:
         law = DryFriction(0.5, 0.4, stribeck_velocity=1e-3, stribeck_exponent=exponent)
@@ -416,7 +416,7 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("stribeck", [None, 0.1])
 def test_dwell_has_no_effect_beside_a_stribeck_curve(stribeck: float | None) -> None:
-    """Slow slip already meets mu_s there: ``mu_s N = F`` at t = 3 s; alone, dwell lets go earlier."""
+    """With a Stribeck curve slow slip meets mu_s: it lets go where ``mu_s N = F``, at 3 s. Dwell alone: earlier."""
     law = DryFriction(0.3, 0.2, dwell=2.0, stribeck_velocity=stribeck)
     (event, *_) = simulate(block(piecewise_linear([0.0, 10.0], [0.0, 10.0]), 10.0, law), (0.0, 4.0)).events
     if stribeck is None:
@@ -505,7 +505,10 @@ def test_default_tolerances_suit_small_units() -> None:
 @pytest.mark.parametrize("engine", [{}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("geared", [False, True])
 def test_a_start_velocity_of_roundoff_changes_nothing(engine: dict[str, Any], geared: bool) -> None:
-    """What is left of a run before, 1e-11 m/s, changes nothing: breakaway where ``5 + 1.5 sin 1.1 t = 0.845 6.26``."""
+    """A start velocity of 1e-11 m/s, as an earlier run may leave it, changes nothing.
+
+    Breakaway comes where ``5 + 1.5 sin 1.1 t = 0.845 * 6.26``.
+    """
     law = DryFriction(0.845, 0.5815, stribeck_velocity=0.134, stribeck_exponent=1.0)
     load = signal(lambda t: -5.0 - 1.5 * math.sin(1.1 * t), period=5.7)
     ends = []
@@ -550,7 +553,7 @@ def test_slow_sliding_beside_a_stiff_damper_ends(
 ) -> None:
     """A load of 3 sin(omega t) moves 1 kg against 1 N and a damper: it rests where ``3 sin(omega t - phi) = k``.
 
-    With ``tan phi = omega / c`` and ``k = sqrt(1 + tan^2 phi)``; what the start brings in has died away.
+    Here ``tan phi = omega / c`` and ``k = sqrt(1 + tan^2 phi)``; the transient of the start has died away.
     """
     omega = 2 * math.pi / 500.0
     load = sine(3.0, 1 / 500.0)

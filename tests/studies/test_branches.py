@@ -74,7 +74,7 @@ def test_periods_of_stick_slip_over_the_speed_of_the_belt() -> None:
 
 @pytest.mark.slow
 def test_a_long_way_along_a_stribeck_curve_takes_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It breaks away at ``k x + c v = mu_s N`` and slips until it is as fast as the belt; then it is carried back."""
+    """The block breaks away at ``k x + c v = mu_s N``, slips until it is as fast as the belt, and is carried back."""
     shots = []
     simulated = shooting.simulated
     monkeypatch.setattr(shooting, "simulated", lambda *args, **options: shots.append(1) or simulated(*args, **options))
@@ -102,7 +102,7 @@ def test_a_long_way_along_a_stribeck_curve_takes_few_steps(monkeypatch: pytest.M
 
     branch = continue_cycle(stribeck(0.02), "belt.velocity", [0.02, 0.06])
     assert branch.periods == pytest.approx([period(0.02), period(0.06)], abs=1e-7)
-    # it begins anew in the middle of a motion: a contact that sticks is forgotten for all that
+    # the cycle is begun anew in the middle of a motion; sticking still forgets deviations
     assert not branch.multipliers.any() and branch.points == ()
     assert len(shots) <= 30
     cycle = branch.cycles[1]
@@ -110,7 +110,7 @@ def test_a_long_way_along_a_stribeck_curve_takes_few_steps(monkeypatch: pytest.M
 
 
 def gap(v: float, damping: float) -> float:
-    """By how much the block comes back faster than the belt after it broke away."""
+    """Return the largest velocity of the block after it broke away, less that of the belt."""
     matrix = np.array([[0.0, 1.0], [-STIFFNESS, -damping]])
     start = np.array([(STATIC - damping * v - COULOMB) / STIFFNESS, v])
     w = math.sqrt(STIFFNESS - damping**2 / 4)
@@ -135,7 +135,7 @@ def test_a_damper_ends_stick_slip_where_the_block_does_not_catch_up_any_more() -
 
 @pytest.mark.slow
 def test_without_a_damper_stick_slip_ends_in_a_family() -> None:
-    """At F_s = F_c it meets cycles that only touch the speed of the belt; those that slip all the time are neutral."""
+    """At F_s = F_c it meets a cycle that only touches the belt's speed, of a family of neutral cycles that all slip."""
     branch = continue_cycle(belt(0.2), "c.law.mu_static", [1.1, COULOMB])
     (end,) = branch.points
     assert end.kind == "end" and "family of cycles" in end.message and branch.beyond is None
@@ -146,7 +146,7 @@ def test_without_a_damper_stick_slip_ends_in_a_family() -> None:
 
 @pytest.mark.slow
 def test_as_the_belt_stops_the_period_grows_without_bound() -> None:
-    """With 2 (F_s - F_c) / (k v), as above."""
+    """The period grows like 2 (F_s - F_c) / (k v), see above."""
     branch = continue_cycle(belt(0.2), "belt.velocity", [0.2, 0.0], accuracy=1e-4)
     (end,) = branch.points
     assert end.kind == "end" and end.message == "the period grows without bound"
@@ -156,7 +156,7 @@ def test_as_the_belt_stops_the_period_grows_without_bound() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["impacts", "sticking"])
 def test_events_pass_the_start_of_a_forced_cycle(kind: str) -> None:
-    """Over the phase of its load a cycle is the same, begun later: the times of its events tell by how much."""
+    """Over the phase of its load the cycle stays the same, begun later: its events come earlier by phase / (2 pi) T."""
     scene, period = (hit(0.05, low=False).scene, 2 * math.pi / 1.5)
     if kind == "sticking":
         scene, period = forced(0.5, 0.05), 20.0
@@ -179,7 +179,7 @@ def test_events_pass_the_start_of_a_forced_cycle(kind: str) -> None:
 
 @pytest.mark.slow
 def test_the_frequency_at_which_a_forced_oscillator_begins_to_stick() -> None:
-    """There the spring and the load together push with exactly the friction where the mass turns."""
+    """There, at the turn of the mass, the spring and the load together push with exactly the friction."""
     branch = continue_cycle(forced(0.5, 0.12), "forces[0].signal.frequency", [0.12, 0.1, 0.09], period=lambda f: 1 / f)
     (point,) = branch.points
     assert point.kind == "sequence" and "'c'" in point.message
@@ -255,7 +255,7 @@ def test_a_branch_turns_at_a_fold() -> None:
 
 @pytest.mark.slow
 def test_a_period_doubles_at_a_flip() -> None:
-    """The same with the stop at 0: a multiplier is -1 at w = 2.65334772785524, by the trace of the impact map."""
+    """The impact oscillator with its stop at 0: a multiplier is -1 at w = 2.65334772785524, by the trace of its map."""
     scene = Scene(
         Body("m", inertia=1.0, position=-0.1),
         Spring("m", GROUND, stiffness=1.0),
@@ -273,13 +273,13 @@ def test_a_period_doubles_at_a_flip() -> None:
 
 @pytest.mark.parametrize("values", [[-0.5, 3.0], [-0.5, 0.5, 1.5]])
 def test_a_pair_leaves_the_unit_circle_at_negative_damping(values: list[float]) -> None:
-    """``x'' - c x' + x = sin(2 pi t)`` has exp((c +- sqrt(c^2 - 4)) / 2): leave at c = 0 and are real from 2 on."""
+    """``x'' - c x' + x = sin(2 pi t)``: multipliers exp((c +- sqrt(c^2 - 4)) / 2), of size 1 at c = 0, real from 2."""
     (point,) = continue_cycle(pushed(), PUSH, values, period=1.0, transient=0).points
     assert point.kind == "torus" and abs(point.value) < 1e-6
 
 
 def test_a_pair_outside_the_unit_circle_that_becomes_real_passes_nothing() -> None:
-    """The same at c = 2: both multipliers are outside before and after."""
+    """The multipliers as above become real at c = 2: both are outside the unit circle before and after."""
     branch = continue_cycle(pushed(), PUSH, [1.5, 1.9, 2.5], period=1.0, transient=0)
     assert branch.points == () and np.abs(branch.multipliers[2]) == pytest.approx([math.e**2, math.exp(0.5)], rel=1e-9)
 
@@ -298,7 +298,7 @@ def pushed() -> Scene:
 
 @pytest.mark.slow
 def test_unstable_cycles_shrink_to_the_sliding_that_loses_its_stability() -> None:
-    """Where ``N mu'(v) = -c``: no fold, and what sticks at 0.2 is another branch."""
+    """They end where ``N mu'(v) = -c``: no fold, and the cycle that sticks at 0.2 m/s is on another branch."""
     static, coulomb, slow, normal, damping = 0.4, 0.25, 0.1, 20.0, 0.5
     hopf = brentq(
         lambda v: damping - normal * (static - coulomb) * 2 * v / slow**2 * math.exp(-((v / slow) ** 2)), 0.1, 0.5
@@ -327,7 +327,7 @@ def test_a_symmetry_breaks_where_half_a_turn_mirrored_has_the_eigenvalue_minus_1
     at = np.array([4.0, 3.0]) / (2 * math.pi)
     branch = continue_cycle(scene, "forces[0].signal.frequency", at, period=lambda f: 1 / f)
     (point,) = branch.points
-    # near it the cycles without the symmetry are near by, too
+    # cycles without the symmetry branch off there: the point is a crossing
     assert point.kind == "crossing" and 2 * math.pi * point.value == pytest.approx(3.741103955, abs=1e-6)
     assert branch.cycles[1] is not None and branch.cycles[1].multipliers[0] == pytest.approx(4.342293, abs=1e-6)
 
@@ -360,7 +360,10 @@ def test_points_beside_a_change_of_the_sequence_are_found() -> None:
 
 @pytest.mark.slow
 def test_no_step_leads_from_stick_slip_to_a_family_of_cycles() -> None:
-    """The wheel sticks to the belt in each cycle, by the closed form above for the rim; others just miss its speed."""
+    """The wheel sticks in each cycle; the period is the closed form above with mass and stiffness at the rim.
+
+    Near by lies a family of cycles that just miss the speed of the belt.
+    """
     v, ratio, radii = 0.1, 3.0, np.array([0.25, 0.2, 0.1])
     scene = Scene(
         Body("motor", inertia=0.01, velocity=ratio * v / 0.25),
@@ -378,7 +381,7 @@ def test_no_step_leads_from_stick_slip_to_a_family_of_cycles() -> None:
 
 @pytest.mark.parametrize("name", ["c.normal", "c.normal.scale"])
 def test_a_scale_is_the_factor_of_the_load_that_the_scene_has(name: str) -> None:
-    """Not of the one that it had at the value before; of a normal force of 1 N it is that force."""
+    """It is the factor of the given scene's load, not of that at the value before. Of 1 N it is the force in N."""
     values = np.array([1.0, 1.2, 1.5])
     fall, w = (STATIC - COULOMB) * values, math.sqrt(STIFFNESS)
     exact = 2 * fall / (STIFFNESS * 0.1) + (2 * math.pi - 2 * np.arctan(fall / (0.1 * w))) / w
@@ -387,7 +390,7 @@ def test_a_scale_is_the_factor_of_the_load_that_the_scene_has(name: str) -> None
 
 @pytest.mark.parametrize("is_forced", [False, True])
 def test_the_next_cycle_is_foretold_to_second_order(is_forced: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With derivatives at the cycle itself, whatever value the parameter had where its branch began."""
+    """The prediction uses derivatives at the cycle itself, whatever the parameter was where the branch began."""
     begun, value = (forced(0.5, 0.2), 0.12) if is_forced else (belt(0.1), 0.4)
     name = "forces[0].signal.frequency" if is_forced else "belt.velocity"
     (one,) = named_parameters(begun, [name], "test")
@@ -418,7 +421,7 @@ def test_a_cycle_is_a_start_too() -> None:
 
 @pytest.mark.slow
 def test_a_first_step_of_nothing_grows() -> None:
-    # beyond a fold the first step is a part of the way that roundoff may leave nothing of
+    # beyond a fold the first step is a part of the way that may be 0 by roundoff
     (one,) = named_parameters(belt(), ["belt.velocity"], "continue_cycle")
     follower = Follower(one, None, 1e-6)
     branch = follower.follow(limit_cycle(belt()), np.array([0.1, 0.11]), first_step=0.0)
@@ -439,7 +442,7 @@ def test_the_bifurcation_diagram() -> None:
 
 @pytest.mark.slow
 def test_one_unstable_cycle_between_stable_ones_is_joined_to_them() -> None:
-    """Shaw's oscillator (1986): its symmetric cycle is unstable for a while; no text hides that."""
+    """Shaw's oscillator (1986): its symmetric cycle is unstable for a while; no text covers that curve."""
     scene = Scene(
         Body("m", inertia=1.0, position=0.3),
         Spring("m", GROUND, stiffness=1.0),

@@ -1,4 +1,4 @@
-"""Limit cycles: periods and multipliers in closed form, unstable cycles, and what has none."""
+"""Limit cycles: periods and multipliers in closed form, unstable cycles, and motions without a cycle."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def belt(v: float = 0.1, law: DryFriction | None = None) -> Scene:
 
 
 def pulled(law: DryFriction | None = None) -> Scene:
-    """The same seen from the belt: the block stays behind, and all positions drift."""
+    """The belt's scene seen from the belt: a hand pulls the block by the spring, and all positions drift."""
     return Scene(
         Body("m", inertia=1.0),
         Drive("hand", velocity=0.1),
@@ -180,7 +180,7 @@ def test_an_oscillator_that_hits_a_stop_once_a_period(ratio: float) -> None:
 
 @pytest.mark.slow
 def test_a_cycle_that_rests_at_a_stop() -> None:
-    """Without restitution nothing is left of the motion before; the cycle may begin where it rests."""
+    """Without restitution the rest at the stop forgets the motion before; the cycle may begin at rest."""
     for phase in (0.0, 1.66):
         scene = Scene(
             Body("m", inertia=1.0, position=-0.1),
@@ -266,7 +266,7 @@ def test_two_blocks_on_a_belt() -> None:
 
 
 def test_what_whirls_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Froude's pendulum on a fast shaft: each turn is as the one before, but forces read where it is."""
+    """Froude's pendulum on a fast shaft: each turn is like the one before, but a force reads the angle, which grows."""
     monkeypatch.setattr(search, "_TRIES", 2)
     scene = Scene(
         Body("p", inertia=1.0, velocity=3.0),
@@ -347,7 +347,7 @@ def test_early_events_do_not_tell_of_a_motion_that_dies_away() -> None:
 
 @pytest.mark.parametrize("after", [False, True])
 def test_a_start_on_an_impact(after: bool) -> None:
-    """A ball that hits a wall with 1 m/s, e = 0.8, and gains it back from x'' = 0.1 x' - x - F: from either side of it.
+    """A ball that hits a wall with 1 m/s, e = 0.8, and regains it by x'' = 0.1 x' - x - F: from before or after it.
 
     The flight from -e back to x = 0 with 1 m/s gives F and the period.
     """
@@ -369,7 +369,7 @@ def test_a_start_on_an_impact(after: bool) -> None:
     )
     cycle = limit_cycle(scene, transient=0, guess=3.5)
     assert cycle.period == pytest.approx(period, abs=1e-9)
-    # the flow grows areas by exp(0.1 T), an impact takes e^2 of them; the other multiplier is 1
+    # the flow multiplies areas by exp(0.1 T), an impact by e^2; the other multiplier is 1
     assert cycle.multipliers == pytest.approx([e * e * math.exp(0.1 * period)], abs=1e-8)
 
 
@@ -395,7 +395,7 @@ def test_a_period_much_longer_than_a_turn(speed: float) -> None:
 
 
 def test_what_is_left_of_a_motion_that_shrinks() -> None:
-    # swings decay as exp(-0.04 t): in a quarter of 10 periods of 2 pi / sqrt(1 - 0.04^2) to exp(-0.04 * 2.5 periods)
+    # swings decay as exp(-0.04 t): within a quarter of the 20 periods to exp(-0.04 * 5 periods)
     scene = Scene(
         Body("block", inertia=1.0, position=1.0),
         Spring("block", GROUND, stiffness=1.0, damping=0.08),
@@ -429,7 +429,7 @@ def test_a_curve_at_rest_bends_no_derivative() -> None:
 
 
 def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
-    """A drive whose load repeats after 1 s, and a block that answers with another half its frequency."""
+    """A load that repeats after 1 s, on an oscillator without damping whose own period is 2 s."""
     scene = Scene(
         Body("m", inertia=1.0, position=1.0),
         Spring("m", GROUND, stiffness=math.pi**2),
@@ -456,7 +456,7 @@ def test_a_cycle_that_only_gaps_hold_together() -> None:
 
 
 def test_a_wrong_guess_of_the_period() -> None:
-    """Two turns are found as one; half a turn is none, and the message tells the period."""
+    """A guess of two periods finds one; a guess of half a period is refused, and the message gives the period."""
     assert limit_cycle(belt(), guess=15.2).period == pytest.approx(BELT_PERIOD, abs=1e-12)
     with pytest.raises(CycleError, match=r"comes back after 7\.61126 s; give guess=7\.61126"):
         limit_cycle(belt(), guess=3.8)
@@ -531,7 +531,7 @@ def test_points_between_which_nothing_changes_are_a_constant_load() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("second", "metre"), [(1.0, 1.0), (1e-3, 1e-3), (1e3, 1.0)])
 def test_units_do_not_matter_where_only_a_block_holds_a_body(second: float, metre: float) -> None:
-    """A slide hunts whose position only states of its controller feel: the first transient is as long as its turns."""
+    """A slide hunts whose position only states of its controller read: the first transient is as long as its turns."""
     error, force = metre - position("slide"), metre / second**2
     controller = StateSpace(
         "controller",
@@ -582,7 +582,7 @@ def test_damped_belt_is_another_cycle() -> None:
     assert stuck[-1] - stuck[-2] == pytest.approx(cycle.period, abs=1e-12)
 
 
-# What reads the time, what stays closed, and searches that lead nowhere
+# Blocks that read the time, stops that stay closed, and searches without success
 
 
 @pytest.mark.slow
@@ -604,7 +604,7 @@ def test_a_block_that_reads_the_time_is_refused(period: float | None) -> None:
 @pytest.mark.parametrize("amplitude", [0.01, 0.1, 0.3])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_a_ball_that_rests_on_a_table_moves_with_it(amplitude: float, restitution: float) -> None:
-    """The table shakes with less than g: nothing is left of a deviation."""
+    """The table shakes with less than g, so the ball stays on it: deviations vanish, and the multipliers are 0."""
     scene = Scene(
         Body("ball", inertia=0.1, position=0.1),
         Drive("table", velocity=sine(amplitude, 2.0)),
@@ -631,7 +631,7 @@ def test_a_dog_clutch_that_stays_closed() -> None:
 
 @pytest.mark.slow
 def test_a_search_in_chaos_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The Lorenz equations pull a body: each longer transient takes more steps, up to a limit."""
+    """The Lorenz equations pull a body. The search tries longer and longer transients, up to a limit of steps."""
     monkeypatch.setattr(search, "_MOST_STEPS", 10_000)
     block = Block(
         "l",
@@ -693,7 +693,7 @@ def test_a_tie_is_no_position_of_its_own(second: float) -> None:
 
 
 def test_a_geared_stick_slip_oscillator_is_that_of_one_body() -> None:
-    """The same inertia and stiffness on one shaft or on two: the same period, and all is forgotten while it sticks."""
+    """The same inertia and stiffness on one shaft or on two: the same period, and sticking forgets all deviations."""
 
     def stick_slip(*shafts: Any, inertia: float, stiffness: float) -> Scene:
         return Scene(
@@ -718,7 +718,7 @@ def test_a_geared_stick_slip_oscillator_is_that_of_one_body() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("anchor", ["table", GROUND])
 def test_where_a_drive_is_does_not_deviate(anchor: str) -> None:
-    """Hits on a table that swings: two multipliers, those of the body, whether a spring reads the table's place or not.
+    """Hits on a table that swings: two multipliers, those of the body, whether or not a spring reads the table's place.
 
     Their product is ``exp(-c T / m)`` by damping, times ``e^2`` for each impact.
     """
@@ -793,7 +793,7 @@ def test_a_level_that_rises_at_rest_closes_whatever_holds_the_contact(
 
 
 def test_a_body_at_rest_where_the_cycle_begins_has_its_own_multipliers() -> None:
-    """It swings by itself: ``exp((-c/2m +- i sqrt(k/m - (c/2m)^2)) T)``; all else is held at the start."""
+    """Body b swings apart from a: ``exp((-c/2m +- i sqrt(k/m - (c/2m)^2)) T)``; body a sticks at the start."""
     m, k, c = 1.293, 1.855, 0.288
     scene = Scene(
         Body("a", inertia=1.3, velocity=0.1),

@@ -70,7 +70,7 @@ def test_friction_and_dwell_are_recovered_from_velocities() -> None:
 
 @pytest.mark.slow
 def test_a_coulomb_coefficient_takes_the_static_one_along() -> None:
-    """A swing that friction stops, fitted from plain friction that is too weak."""
+    """A swing that friction stops; the fit starts with mu_static = mu_coulomb, both too small."""
 
     def slider(mu: float, static: float, drag: float = 0.5) -> Scene:
         return Scene(
@@ -232,7 +232,7 @@ def coasted(t: np.ndarray, speed: float) -> np.ndarray:
 
 @pytest.mark.slow
 def test_several_records_determine_what_one_does_not() -> None:
-    """A short record at one speed hardly tells drag from friction; two speeds do."""
+    """A short record at one speed hardly separates drag from friction; records at two speeds do."""
     names, t = {"dampers[0].damping": (0.1, 2.0), "brake.normal": (0.1, 2.0)}, np.linspace(0.01, 0.2, 20)
     scenes = [coasting(speed, 2.0, 0.7, 0.9) for speed in (0.5, 10.0)]
     data = [{"wheel.velocity": (t, coasted(t, speed), 0.01)} for speed in (0.5, 10.0)]
@@ -382,7 +382,7 @@ def test_where_no_other_values_can_be_simulated_nothing_is_fitted() -> None:
 
 @pytest.mark.slow
 def test_standard_errors_beside_a_parameter_that_ends_at_its_bound() -> None:
-    """They are those of the derivatives there, by differences; the damping ends at 0."""
+    """The damping ends at its bound 0; the errors are those of derivatives there, found by differences."""
 
     def swing(mu: float, k: float, x: float, v: float, c: float) -> Scene:
         return Scene(

@@ -44,7 +44,7 @@ from stickslip import (
 
 
 def test_normal_forces_of_contacts_are_inputs_and_those_of_ties_are_none() -> None:
-    """It slips forward with 0.1 N; the gear makes 3 kg of 1 kg and 2^2 times 0.5 kg."""
+    """The mass slips forward against 0.1 times its normal force; with the wheel it has 1 kg + 2^2 * 0.5 kg = 3 kg."""
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0),
         Body("wheel", inertia=0.5, velocity=2.0),
@@ -204,7 +204,7 @@ def test_forces_in_other_units(unit: float) -> None:
 
 
 def test_a_normal_force_that_follows_a_carried_body() -> None:
-    """It rides on a belt; the other one slips with r = 0.3 (2 + 0.7 v_belt), and a damper of 0.8 joins them."""
+    """Body m rides on a belt; body a slips with r = 0.3 (2 + 0.7 v_belt), and a damper of 0.8 joins them."""
     scene = Scene(
         Body("m", inertia=1.0, velocity=0.1),
         Body("a", inertia=2.0, velocity=0.5),
@@ -276,7 +276,7 @@ def test_squeal_by_mode_coupling() -> None:
 
 
 def test_loads_are_read_at_a_time() -> None:
-    """The contact is pressed from 1 s on: it holds the body then."""
+    """The contact is pressed from 1 s on: then it holds the body, which has no frequency."""
     from stickslip import step
 
     contact = Contact("c", "m", GROUND, DryFriction(0.5, 0.5), normal=step(1.0))
@@ -345,7 +345,7 @@ def test_at_a_corner_there_are_two_models() -> None:
 
 
 def test_the_force_of_a_gap_is_an_output() -> None:
-    """Its stretch at a body of radius 0.5 m; within its limits it has none."""
+    """The stretch is 0.5 x, so ``dr/dx = 0.5 * 20`` and ``dr/dv = 0.5 * 0.3``; within the limits the force is 0."""
     gap = Gap("g", "m", GROUND, upper=1.0, lower=-1.0, stiffness=20.0, damping=0.3, radius_a=0.5)
     for place, stiffness, damping in ((2.5, 10.0, 0.15), (0.0, 0.0, 0.0), (-2.5, 10.0, 0.15)):
         model = linearize(Scene(Body("m", inertia=2.0, position=place), gap)).select(outputs=["force(g)"])
@@ -453,7 +453,7 @@ def test_a_normal_force_that_is_just_0_is_a_corner() -> None:
 @pytest.mark.parametrize("ratio", [0.7, 1.0, 1.3])
 @pytest.mark.parametrize("speed", [0.3, 0.59, 1.0])
 def test_a_normal_force_that_a_gear_keeps_at_0_is_a_corner(speed: float, ratio: float) -> None:
-    """1.8 carrier = 2.8 ring - ratio sun = 0: what a number leaves of it is roundoff of the others."""
+    """1.8 carrier = 2.8 ring - ratio sun = 0: in floats the carrier's velocity is roundoff of the others."""
     scene = Scene(
         Body("carrier", inertia=0.8),
         Body("sun", inertia=1.3, velocity=speed),

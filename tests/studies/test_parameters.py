@@ -1,4 +1,4 @@
-"""Several numbers of a scene at once: what is refused is their end, not the way there."""
+"""Several numbers of a scene change at once: only their last values must fit together, not those in between."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_values_that_cannot_be_together_are_refused() -> None:
 
 def test_a_sweep_may_vary_two_coefficients_of_a_law() -> None:
     runs = SceneRuns(scene(0.5, 0.4, -1.0, 1.0), (0.0, 20.0), {})
-    # 0.5 J at a force of 0.1 N: it comes to rest after 5 m, if nothing was in its way
+    # 0.5 J at a force of 0.1 N: it comes to rest after 5 m, before the limit of the gap at 10 m
     assert runs(**{NAMES[0]: 0.2, NAMES[1]: 0.1, NAMES[3]: 10.0})["heat floor"] == pytest.approx(0.5)
 
 

@@ -1,4 +1,4 @@
-"""What `recommend` promises holds in scenes that nobody tuned, measured against a tighter run at other times."""
+"""The promises of `recommend` hold in a random scene, measured against a tighter run at other times."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def test_free_decay_with_coulomb_friction() -> None:
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
 def test_what_a_belt_that_speeds_up_catches_goes_on_with_it(options: dict[str, Any]) -> None:
-    """``v = v0 - 2 t / m`` meets ``u = t / 2`` after 2 s: from then on nothing tells how it began but the position."""
+    """``v = v0 - 2 t / m`` meets ``u = t / 2`` after 2 s: then only the position depends on the start."""
     scene = Scene(
         Body("b", inertia=2.0, velocity=3.0),
         Drive("belt", velocity=piecewise_linear([0.0, 10.0], [0.0, 5.0])),
@@ -131,7 +131,7 @@ def test_what_a_belt_that_speeds_up_catches_goes_on_with_it(options: dict[str, A
 
 
 def test_a_planetary_whose_ring_a_belt_that_speeds_up_catches() -> None:
-    """Two wheels go on by themselves from there: what the ring loses at once they share."""
+    """The ring sticks, so its deviation vanishes at once; sun and carrier, which go on, share it."""
     scene = Scene(
         Body("sun", inertia=0.3, velocity=6.0),
         Body("carrier", inertia=0.7, velocity=8 / 3),
@@ -258,7 +258,7 @@ def test_gears_radii_and_drives_against_differences() -> None:
     assert found.reasons == () and len(found.result.events) >= 3
     exact = all_of(found)
     for k, one in enumerate(named_parameters(scene, names, "test")):
-        # a gear holds at the start, too: the motor is as fast as the wheel lets it be
+        # another ratio would break the gear at the start: there are no differences to compare with
         if one.name == "gear.ratio":
             continue
         told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
@@ -303,7 +303,7 @@ def steep_belt(exponent: float, begin: float = 0.1) -> Scene:
 @pytest.mark.parametrize(("exponent", "off"), [(0.6, 1e-6), (0.9, 1e-7), (1.0, 1e-7), (1.5, 1e-7)])
 @pytest.mark.parametrize("name", ["h.velocity", "c.law.mu_static", "springs[0].stiffness"])
 def test_friction_that_is_steep_at_rest(exponent: float, off: float, name: str) -> None:
-    """The belt holds the block and lets it go, and the block passes its speed the other way from a start before it."""
+    """A block that starts slower than the belt is caught by it, let go, and caught again."""
     scene, span = steep_belt(exponent), (0.0, 4.0)
     found = sensitivities(scene, span, [name])
     assert found.reasons == () and len(found.result.events) >= 3
@@ -369,7 +369,7 @@ def test_a_phase_that_only_shifts_the_time_shifts_all_impacts() -> None:
 
 @pytest.mark.slow
 def test_friction_that_falls_too_steeply_from_rest_has_no_derivative() -> None:
-    """``w' = c w^d + k v t`` with d < 1/2: the first term outruns the second, which tells when it begins."""
+    """``w' = c w^d + k v t`` with d < 1/2: the first term outruns the second, which sets when slip begins."""
     found = sensitivities(steep_belt(0.4), (0.0, 4.0), ["h.velocity", "b.velocity"])
     held, freed = (event.t for event in found.result.events[:2])
     assert np.isfinite(found.events[:2]).all() and np.isnan(found.events[2:]).all()
@@ -455,7 +455,7 @@ def test_a_dead_band_that_is_left_and_entered_again(method: Any) -> None:
 
 @pytest.mark.slow
 def test_bristles_straighten_where_nothing_presses_them() -> None:
-    """What they were before has no part in what the contact does when it is pressed again."""
+    """Their deflection before has no effect on the motion when the contact is pressed again."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=2.0),
         Contact(
@@ -563,7 +563,7 @@ def test_rebounds_that_accumulate_while_both_bodies_move_fast() -> None:
 def test_slow_rebounds_from_a_table_whose_speed_changes() -> None:
     """With s = sqrt(V^2 + 2 g h): t_n = (s - V) / g + 2 s / g (e + ... + e^n).
 
-    Near by the table is faster than the last rebounds are; its ball comes to rest on it all the same.
+    A small change of the table's speed is larger than the last rebounds; the ball comes to rest on it all the same.
     """
     speed, gravity, height, e = 0.5, 2.0, 1.0, 0.4
     scene = Scene(
@@ -584,7 +584,7 @@ def test_slow_rebounds_from_a_table_whose_speed_changes() -> None:
 def test_a_low_flight_does_not_graze() -> None:
     """As above with a floor at 3 m, and a block that comes to rest alone just beyond the peak of a flight 4e-9 m high.
 
-    There a solver begins with short steps, in which the height is constant but for roundoff: no minima.
+    There a solver begins with short steps, in which the height is constant but for roundoff: these are no minima.
     """
     gravity, height, e, mu = 9.81, 1.0, 0.6, 0.3
     fall = math.sqrt(2 * height / gravity)
@@ -625,7 +625,7 @@ def carried_to_a_wall(friction: float, force: float, distance: float) -> tuple[f
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["auto", "BDF"])
 def test_a_cart_and_its_load_that_strike_a_wall_ever_more_softly(method: Any) -> None:
-    """The friction between them comes to rest in the instant of an impact, as far as numbers can tell."""
+    """The friction between them comes to rest in the instant of an impact, but for roundoff."""
     values = np.array([5.0, -0.4, 0.1])
     scene = Scene(
         Body("cart", inertia=0.25, velocity=1.0),
@@ -688,8 +688,9 @@ def test_a_ball_chatters_to_rest_on_a_table_that_shakes(speed: float, restitutio
 def test_an_impact_goes_through_a_locked_clutch() -> None:
     """A cart ``x = t^2 / 4`` runs into a wheel that a clutch keeps from running ahead of a drive of velocity d.
 
-    The wheel has the way ``d t - d^2 / 10``. They meet 0.1 later, at ``t = 2 (d + sqrt(0.9 d^2 + 0.1))``, when the cart
-    has ``t / 2``. The wheel cannot give way, so the cart goes on with ``1.5 d - t / 4``.
+    The wheel has the way ``d t - d^2 / 10``. The buffer closes where the cart is 0.1 m ahead, at
+    ``t = 2 (d + sqrt(0.9 d^2 + 0.1))``, when the cart has ``t / 2``. The wheel cannot give way, so the cart goes on
+    with ``1.5 d - t / 4``.
     """
     d = 0.3
     scene = Scene(
@@ -711,7 +712,7 @@ def test_an_impact_goes_through_a_locked_clutch() -> None:
 
 
 def test_an_impact_goes_through_a_clutch_with_a_gear() -> None:
-    """A motor of inertia 1 under 1 N drives a wheel of 0.2 by ``v_w = g v_m`` to a stop 0.2 away, which takes e = 0.6.
+    """A motor of inertia 1 under 1 N m drives a wheel of 0.2 by ``v_w = g v_m`` to a stop at 0.2 rad, with e = 0.6.
 
     With ``m = 1 + 0.2 g^2`` it gets there at ``t = sqrt(0.4 m / g)``, and the wheel goes back with ``-0.6 g t / m``.
     """
@@ -772,7 +773,7 @@ def test_a_geared_impact_on_a_moving_wall(far: tuple[Stop, ...]) -> None:
 
 
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
-    """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
+    """As above: t_n = fall (1 + 2 (e + ... + e^n)), whose derivative by the height h above the floor is t_n / (2 h)."""
     height, gravity, e = 1e-2, 0.8, 0.3
     scene = Scene(
         Body("ball", inertia=1.0, position=0.4 + height),
@@ -820,7 +821,7 @@ def test_stops_and_gaps_against_differences(kind: str) -> None:
 
 
 def test_a_part_that_hops_against_differences() -> None:
-    """A gap that touches presses a contact in the same instant."""
+    """The gap presses the contact from the instant on in which it touches."""
     scene = Scene(
         Drive("along", velocity=0.3),
         Body("part", inertia=0.5),
@@ -849,7 +850,7 @@ def test_the_force_of_a_gap() -> None:
 
 
 def test_a_start_at_a_stop() -> None:
-    """It rebounds at once with e v; nobody can start beyond the stop."""
+    """The body rebounds at once with e v. No start lies beyond the stop: no derivative by the position exists."""
     scene = Scene(
         Body("m", inertia=1.0, velocity=-1.0),
         Force("m", -1.0),
@@ -884,7 +885,7 @@ def test_tables_against_differences(kind: str) -> None:
 
 
 def shaken_bristles(times: list[float], inertia: float, normal: float, stiffness: float) -> np.ndarray:
-    """Velocities of a block on LuGre bristles that 3 sin(2 pi t) shakes, turn by turn: where |w| bends a step ends."""
+    """Velocities of a block on LuGre bristles under 3 sin(2 pi t), turn by turn: steps end where |w| has its corner."""
     found, t, y, sign = [], 0.0, np.zeros(2), 1.0
 
     def rates(t: float, y: np.ndarray, begun: float, sign: float) -> list[float]:
@@ -940,9 +941,9 @@ def test_a_table_that_stays_at_its_corner_has_no_derivative() -> None:
 @pytest.mark.parametrize("method", ["auto", "BDF"])
 @pytest.mark.parametrize("kind", ["saturated", "table", "two"])
 def test_a_normal_force_that_rises_from_a_corner(kind: str, method: Any) -> None:
-    """It is 0 up to x = 0 and 5 x beyond; from -1 at 1 m/s with stiffness k = 4 the body moves as on springs.
+    """N is 0 up to x = 0 and 5 x beyond; from -1 m at 1 m/s with stiffness k = 4 the body moves as on springs.
 
-    With ``w^2 = k / m`` it comes to 0 at ``atan(w) / w`` with ``sqrt(1 + w^2)``. From there on friction adds ``5 mu``
+    With ``w^2 = k / m`` it is at 0 at ``atan(w) / w`` with ``sqrt(1 + w^2)``. From there on friction adds ``5 mu``
     to the stiffness, up to the reversal after a quarter of a period.
     """
     x = position("m")
@@ -972,7 +973,7 @@ def test_a_normal_force_that_rises_from_a_corner(kind: str, method: Any) -> None
 
 
 def test_corners_of_two_tables_that_close_a_contact_together() -> None:
-    """One table is moved by the velocity at the start, the other is not: which one closes the contact depends on it."""
+    """Both corners are met at 1 s; whether `a` starts a little faster or slower decides which table rises first."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0, position=-1.0),
         Body("b", inertia=1.0, velocity=1.0, position=-1.0),
@@ -1043,7 +1044,7 @@ def block(*others: Any, velocity: float = 0.0, static: float = 0.2) -> Scene:
 def test_what_comes_to_rest_slowly_does_not_graze() -> None:
     """A stem on a strong spring and damper follows a slow force, and turns where its steady motion does.
 
-    Its acceleration there is 1e-8 of what adds up in it. With ``a = k - W^2`` and ``u = c W / a`` it turns at
+    Its acceleration there is 1e-8 of the terms that add up to it. With ``a = k - W^2`` and ``u = c W / a`` it turns at
     ``(pi / 2 + atan u) / W``.
     """
     damping, frequency, stiffness = 300.0, 0.01, 5e4
@@ -1085,7 +1086,7 @@ def test_an_event_on_a_break_has_no_derivative() -> None:
 
 @pytest.mark.parametrize("law", [DryFriction(0.3, 0.2), PreSlip(DryFriction(0.3, 0.2), 0.01, "tanh")], ids=repr)
 def test_a_load_that_is_0_presses_to_one_side_only(law: Any) -> None:
-    """Below 0 it is cut off: a rise at the first corner presses before 1 s, too, a fall only takes from the ramp."""
+    """N is cut off below 0: a larger first value presses before 1 s, too, a smaller one only lowers the ramp."""
     load = piecewise_linear([1.0, 2.0, 3.0], [0.0, 2.0, 0.0])
     scene = Scene(Body("m", inertia=1.0, velocity=9.0), Contact("c", "m", GROUND, law, normal=load))
     found = sensitivities(scene, (0.0, 4.0), ["c.normal.values[0]", "c.normal.values[1]", "c.normal.values[2]"])
@@ -1136,7 +1137,7 @@ def test_a_start_at_rest_has_no_derivative_with_respect_to_its_velocity() -> Non
 
 
 def test_a_force_that_starts_at_its_level_has_no_derivative() -> None:
-    """F = mu_c N + a t with the dwell tau: with a push more the block slips at once, with one less it sticks."""
+    """F = mu_c N + a t with the dwell tau: with a little more push the block slips at once, with less it sticks."""
     law = DryFriction(1.2, 0.8, dwell=0.3)
     scene = Scene(
         Body("m", inertia=1.0),
@@ -1242,7 +1243,7 @@ def test_what_is_no_parameter_is_refused() -> None:
 
 
 def test_a_parameter_at_its_limit_has_one_side() -> None:
-    """m v' = -mu N - c v from v_0 = 1: dt/dc = -(t_0 / 2)^2 m / ... = -0.125 at c = 0, with mu N = 2."""
+    """m v' = -mu N - c v: t = (m / c) log(1 + c v_0 / (mu N)), so dt/dc = -m v_0^2 / (2 (mu N)^2) = -1/8 at c = 0."""
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0),
         Damper("m", GROUND, damping=0.0),
@@ -1298,7 +1299,7 @@ def test_functions_are_not_asked_beside_a_derivative_that_does_not_exist() -> No
     assert by_start == pytest.approx(math.cos(7.9), abs=1e-8)
 
 
-# What changes is measured in what it does
+# Parameters whose change has a far larger or smaller effect than their value suggests
 
 
 @pytest.mark.parametrize(
@@ -1317,7 +1318,7 @@ def test_by_a_frequency_late_in_a_run(start: float, stop: float) -> None:
 
 @pytest.mark.parametrize("width", [20.0, 0.5, 0.01])
 def test_by_a_break_near_others(width: float) -> None:
-    """The peak of a triangle at 100 s: what `part` of the way down has gained changes by -part (1 - part / 2)."""
+    """The peak of a triangle at 100 s: at the part x of the way down dv/dpeak = -(1 - x)^2 / 2 = -0.18 with x = 0.4."""
     load = piecewise_linear([100 - width, 100, 100 + width], [0, 1.0, 0.0])
     scene = Scene(Body("m", inertia=1.0), Force("m", load))
     found = sensitivities(scene, (0.0, 120.0), ["forces[0].signal.times[1]"])
@@ -1348,7 +1349,7 @@ def test_by_a_phase(phase: float) -> None:
 
 @pytest.mark.parametrize("dwell", [0.0, 1e-3, 1e-8, 1e-10])
 def test_a_dwell_that_is_short_beside_the_motion(dwell: float) -> None:
-    """All that it changes is the level at which the block sticks, which holds it at 0 as well as later."""
+    """A short dwell only lowers the level just after the block sticks, which holds the block then as well as later."""
     scene = Scene(
         Body("block", inertia=1.0),
         Drive("hand", velocity=0.3),
@@ -1407,7 +1408,7 @@ def test_by_the_time_at_which_another_load_breaks_too(other: Any, exists: bool) 
 
 
 def test_a_quantity_that_two_elements_read_may_change_in_one_of_them() -> None:
-    """An actuator between two bodies: its limit as one of them feels it, beside differences of exact runs."""
+    """An actuator between two bodies: its limit changes in one of its two forces, against differences of exact runs."""
 
     def between(limit: float) -> Scene:
         def act(high: float) -> Any:
@@ -1445,7 +1446,8 @@ def side_by_side(first: float, second: float) -> Scene:
 def test_equal_contacts_that_hold_one_motion_let_go_together(name: str, expected: float) -> None:
     """The levels N1 + 2 N2 are met by 2 t at t_0; then v' = 2 t - (N1 + 2 N2) / 2 up to the end at T.
 
-    So dv/dt_0 = -T and t_0 = (mu_1 N1 + 2 mu_2 N2) / 2; besides, N1 brakes by 1/2 for T - t_0.
+    So t_0 = (mu_1 N1 + 2 mu_2 N2) / 2 = 1 and dv/dt_0 = -(2 t_0 - 1) = -1; besides, N1 brakes by 1/2 for T - t_0, and
+    N2 by 1.
     """
     scene, stop = side_by_side(1.0, 0.5), 1.7
     found = sensitivities(scene, (0.0, stop), [name])
@@ -1536,7 +1538,7 @@ def test_a_dead_band_that_is_passed_at_once(name: str) -> None:
 
 
 def test_two_equal_stops_at_once_have_two_sides() -> None:
-    """By the restitution of one of them: the larger one of both decides."""
+    """The larger restitution of both decides: there is no derivative by that of one of them."""
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0), *(Stop(n, "m", GROUND, upper=0.5, restitution=0.5) for n in "st")
     )

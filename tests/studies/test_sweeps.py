@@ -206,13 +206,13 @@ def test_a_point_that_kills_its_process_is_found_and_the_others_are_kept():
 
 
 class KilledWorker(Exception):
-    """What dask raises for points that were on their way when a worker died, too often."""
+    """The error of dask for points whose workers died too often."""
 
     __module__ = "distributed.scheduler"
 
 
 class OneWorker(Executor):
-    """An executor that begins only when its points are waited for; a deadly one takes all that wait with it."""
+    """An executor that begins only when its points are waited for; a deadly point takes all waiting points with it."""
 
     def __init__(self):
         self.waiting = []
@@ -276,7 +276,7 @@ def test_workers_end_when_their_parent_is_ended(tmp_path, end):
     with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as parent:
         workers = [int(parent.stdout.readline()) for _ in range(2)]
         parent.send_signal(getattr(signal, end))
-        # whoever lives holds the pipe open: it ends when the last worker has
+        # every process alive holds the pipe open: it closes when the last worker has ended
         try:
             parent.communicate(timeout=600)
         except subprocess.TimeoutExpired:

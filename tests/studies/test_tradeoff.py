@@ -411,7 +411,7 @@ def test_calls_whose_error_is_negative_have_failed():
 
 @pytest.mark.slow
 def test_a_dead_band_that_begins_early_by_roundoff_is_no_error():
-    """There Karnopp's law takes the velocity to 0 at once, by 1e-3 m/s."""
+    """Where the band begins, Karnopp's law lets the velocity jump by 1e-3 m/s to 0."""
     law = Karnopp(DryFriction(0.3, 0.2), velocity=1e-3)
     scene = Scene(
         Body("m", inertia=1.0, velocity=1.0),

@@ -1,4 +1,4 @@
-"""Arguments of studies that were taken whatever they were, or refused in Python's words."""
+"""Arguments of studies of a wrong kind, once accepted or refused in Python's words, are refused in our own words."""
 
 from __future__ import annotations
 
