@@ -335,7 +335,7 @@ def test_a_braked_wheel_rolls(options: dict[str, Any], off: float) -> None:
 def test_the_wheel_slides_beyond_the_limit(torque: float, rolls: bool) -> None:
     """T = mu m g (r + J / (m r)) = 2929.92 N m."""
     result = simulate(car(torque), (0, 1))
-    assert (result.mode("road")[-1] == 0) is rolls or bool(result.mode("road")[-1] == 0) is rolls
+    assert (result.mode("road")[-1] == 0) == rolls
 
 
 def test_negative_radii_turn_the_other_way() -> None:

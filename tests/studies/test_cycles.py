@@ -580,6 +580,7 @@ def test_damped_belt_is_another_cycle() -> None:
     result = simulate(scene, (0.0, 60.0))
     stuck = [event.t for event in result.events if event.after == 0]
     assert stuck[-1] - stuck[-2] == pytest.approx(cycle.period, abs=1e-12)
+    assert abs(cycle.period - limit_cycle(belt()).period) > 1e-3
 
 
 # Blocks that read the time, stops that stay closed, and searches without success

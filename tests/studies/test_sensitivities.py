@@ -349,7 +349,7 @@ def test_a_slow_ramp_lets_go_a_contact_whose_friction_is_steep_at_rest() -> None
 
 
 def test_a_phase_that_only_shifts_the_time_shifts_all_impacts() -> None:
-    """Drive and body begin at rest: to first order ``sin(2 pi f t + p)`` makes all impacts come ``p / (2 pi f)`` earlier.
+    """Drive and body begin at rest: ``sin(2 pi f t + p)`` makes all impacts ``p / (2 pi f)`` earlier, to first order.
 
     The velocity before an impact does not change with p, but for roundoff of two terms that cancel.
     """
