@@ -66,7 +66,7 @@ def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
     assert max(map(abs, errors)) < 1e-12
     assert "times faster than real time" in text
     assert "states 2" in text
-    # what each engine promises at the default tolerances: roundoff, or 1e-8 of velocities
+    # the errors of the engines at the default tolerances: roundoff, or 1e-8 of velocities
     rows = re.findall(r"^(.+?) +the same +(\S+) s +(\S+) rad/s +(\S+) ms +(\S+) ms$", text, re.MULTILINE)
     assert [row[0] for row in rows] == ["Taylor series", "CVODE BDF", "CVODE Adams", "IDA BDF"]
     for name, late, off, *_ in rows:
@@ -77,7 +77,7 @@ def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
 
 @pytest.mark.slow
 def test_benchmark_options(here, capsys, monkeypatch):
-    monkeypatch.setattr("stickslip.__main__._REPEATS", 1)  # nobody asks for times
+    monkeypatch.setattr("stickslip.__main__._REPEATS", 1)  # the times do not matter here
     assert main(["--no-plot", "--rtol", "1e-6", "--atol", "1e-8"]) == 0
     assert not list(here.glob("*.png"))
     assert main(["--plot", "other.svg"]) == 0

@@ -1,4 +1,4 @@
-"""Solvers that creep: what comes to rest in a finite time, without passing through 0, would take them for ever."""
+"""Velocities that come to 0 in a finite time without passing through it: a solver would creep there for ever."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ WAYS = ({"method": "BDF"}, {"method": "Adams"}, {"formulation": "merged"}, {"for
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("stop", [2.1, 1e3])
 def test_a_damper_of_the_root_of_the_speed(way: dict[str, Any], stop: float) -> None:
-    """``v' = -sqrt(v)`` from 1: ``v = (1 - t / 2)^2`` until 2 s, when it has gone 2/3 m, and 0 from there on."""
+    """``v' = -sqrt(v)`` from 1: ``v = (1 - t / 2)^2`` until 2 s, then 0; the way is 2/3 m."""
     root = DryFriction(0.0, 0.0, kinetic=math.sqrt)
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, root, normal=1.0))
     result = simulate(scene, (0.0, stop), velocity_margin=1e-8, **way)
     (event,) = result.events
     assert event.cause == "relaxation"
-    # within the margin it is at rest: 2 sqrt(1e-8) earlier
+    # it sticks where v = 1e-8, the margin: 2 sqrt(1e-8) s before 2 s
     assert event.t == pytest.approx(2.0 - 2e-4, abs=1e-5)
     assert result.velocity("m")[-1] == 0.0
     assert result.position("m")[-1] == pytest.approx(2 / 3, abs=1e-6)

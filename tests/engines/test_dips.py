@@ -20,7 +20,7 @@ def test_a_body_comes_to_rest_in_the_step_in_which_its_brake_lets_go(
 ) -> None:
     """N = 9 (1 - t), v = v0 - mu (9 t - 4.5 t^2), v0 = 4.5 mu - short: at rest from 1 - (short / 4.5 mu)^(1/2) on.
 
-    Without sticking the velocity would dip to -short at 1 s, where N ends: for a solver that is one long step.
+    Without sticking the velocity would dip to -short at 1 s, where N ends. A solver may pass the dip in one step.
     """
     mu = 0.3
     scene = Scene(

@@ -113,7 +113,7 @@ def test_constant_forces_are_integrated_exactly() -> None:
 
 
 def pulled(dwell: float = 0.0) -> Scene:
-    """Stuck until the load passes 3 N at t = 3 s, then off at ``(t - 3)^2 / 2 + (t - 3)``."""
+    """Stuck until the load passes 3 N at t = 3 s; from then on ``v = (t - 3)^2 / 2 + (t - 3)``."""
     law = DryFriction(mu_static=0.3, mu_coulomb=0.2, dwell=dwell)
     return Scene(
         Body("a", inertia=1.0),
@@ -147,7 +147,7 @@ def test_mode_changes_stand_at_step_ends() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK4", "Euler"])
 def test_the_benchmark_converges_with_first_order(method: str) -> None:
-    # the worst of steps of no common measure: one step's luck at the five events is not its order
+    # the largest error of nine steps: a single one may happen to end near the five events
     steps, errors = [8e-3, 2e-3, 5e-4], []
     for step in steps:
         found = [
@@ -271,7 +271,7 @@ def test_a_step_ends_where_a_signal_jumps_over_corners_of_a_table(
     ],
 )
 def test_a_contact_that_a_jump_opens_is_open_at_once(law: Any, method: str) -> None:
-    """Its modes are those of the engines that find events; what it remembers is told where it closes again.
+    """Its modes are those of the engines that find events; its memory has an effect when it closes again.
 
     While it is open, the force alone turns the block round: v = v(0.05) - (t - 0.05).
     """
@@ -290,7 +290,7 @@ def test_a_contact_that_a_jump_opens_is_open_at_once(law: Any, method: str) -> N
 
 @pytest.mark.slow
 def test_a_contact_that_slips_where_nothing_presses_it_remembers_that() -> None:
-    """At half the pre-slip velocity it is pressed again, and brakes with all of its friction: 2 N."""
+    """Pressed again with 10 N at half the pre-slip velocity, it brakes with all of its kinetic friction: 2 N."""
     normal = piecewise_linear([0.2, 0.2, 0.5, 0.5], [1e-3, 0.0, 0.0, 10.0])
     scene = Scene(
         Body("a", inertia=1.0, velocity=0.05),
@@ -345,7 +345,7 @@ def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: fl
 @pytest.mark.parametrize("velocity", [0.0, 1.0])
 @pytest.mark.parametrize("damping", [0.0, 1.0])
 def test_bristles_that_stiffen_without_limit_are_refused(step: float, velocity: float, damping: float) -> None:
-    """Where the normal force falls to 0 on a ramp; states that are no numbers any more are no other error."""
+    """The normal force falls to 0 on a ramp. States that overflow must not end in another error."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=velocity),
         Contact(
@@ -363,7 +363,7 @@ def test_bristles_that_stiffen_without_limit_are_refused(step: float, velocity: 
 
 @pytest.mark.parametrize(("method", "limit"), [("Euler", 2.0), ("RK4", 2.785)])
 def test_a_step_that_is_too_long_for_bristles_only_for_a_while_is_refused(method: str, limit: float) -> None:
-    """From 0.25 s on the normal force is a tenth: bristles at w = 0.48 m/s relax with 2.4e4 /s."""
+    """From 0.25 s on ``N = 1``: bristles at w = 0.5 m/s relax with ``sigma_0 w / (mu N)`` = 2.5e4 /s."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Contact(
@@ -382,7 +382,7 @@ def test_a_step_that_is_too_long_for_bristles_only_for_a_while_is_refused(method
 
 @pytest.mark.parametrize(("method", "limit"), [("RK4", math.sqrt(8.0)), ("Euler", 1.0)])
 def test_an_undamped_oscillation_may_grow_a_little(method: str, limit: float) -> None:
-    """x'' = -x: RK4 is stable up to ``2 sqrt 2``, Euler's method at no step, but up to 1 it is let pass."""
+    """x'' = -x: RK4 is stable up to ``2 sqrt 2``, Euler's method at no step, but steps up to 1 are accepted."""
     scene = Scene(Body("a", inertia=1.0, velocity=1.0), Spring("a", GROUND, stiffness=1.0))
     assert simulate(scene, (0.0, 5.0), method=method, step=0.999 * limit).success
     with pytest.raises(SimulationError, match="is unstable"):
@@ -391,7 +391,7 @@ def test_an_undamped_oscillation_may_grow_a_little(method: str, limit: float) ->
 
 @pytest.mark.parametrize("shape", ["tanh", "arctan"])
 def test_a_smooth_law_is_looked_at_where_it_passes_through_rest(shape: str) -> None:
-    """Sliding at 1 m/s the law is flat; its slope at rest, ``mu N / (m v_pre)`` = 2000 / s, bears 1.39 ms."""
+    """Sliding at 1 m/s the law is flat; its slope at rest, ``mu N / (m v_pre)`` = 2000 / s, allows 1.39 ms."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Contact("c", "a", GROUND, DryFriction(0.2, 0.2), normal=10.0),
@@ -404,7 +404,7 @@ def test_a_smooth_law_is_looked_at_where_it_passes_through_rest(shape: str) -> N
 
 
 def test_what_grows_by_itself_is_no_fault_of_the_step() -> None:
-    """On the falling branch of its Stribeck curve a sliding block is unstable, with the eigenvalue 4 /s."""
+    """On the falling branch of its Stribeck curve a sliding block is unstable: its eigenvalue is 8 exp(-2 v) /s."""
     law = DryFriction(0.6, 0.2, stribeck_velocity=0.5, stribeck_exponent=1.0)
     scene = Scene(Body("a", inertia=1.0, velocity=0.05), Contact("c", "a", GROUND, law, normal=10.0), Force("a", 6.1))
     assert simulate(scene, (0.0, 1.0), method="RK4", step=0.2).success
@@ -412,7 +412,7 @@ def test_what_grows_by_itself_is_no_fault_of_the_step() -> None:
 
 @pytest.mark.parametrize("n", [5, 120])
 def test_the_longest_step_of_a_chain(n: int) -> None:
-    """Equal blocks and springs: the fastest of ``omega_k = 2 sqrt(k/m) sin(k pi / (2n))``."""
+    """Equal blocks and springs c: the fastest, k = n - 1, of ``omega_k = 2 sqrt(c/m) sin(k pi / (2n))``."""
     scene = Scene(
         *(Body(f"b{i}", inertia=1.0, velocity=1.0 if i == 0 else 0.0) for i in range(n)),
         *(Spring(f"b{i}", f"b{i + 1}", stiffness=1e4) for i in range(n - 1)),

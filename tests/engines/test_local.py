@@ -63,7 +63,7 @@ def both(scene: Scene, stop: float, events: Sequence[When] = ()) -> tuple[Result
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("family", validation.FAMILIES)
 def test_random_scenes_move_alike(family: str, which: int) -> None:
-    """Four of each family of the validation, which tries a hundred."""
+    """Compare four scenes of each family; the validation compares a hundred."""
     drawn = ((number, validation.draw(family, number)) for number in range(10, 30))
     scenes = ((number, scene) for number, scene in drawn if scene is not None)
     for number, scene in islice(scenes, which, 1 + 3 * which):
@@ -117,7 +117,7 @@ def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("frequency", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(frequency: float) -> None:
-    """The integral of a slow sine is large, and what the drive has moved is a small difference of two of them."""
+    """The integral of a slow sine is large; the drive's distance is a small difference of two such integrals."""
     scene = Scene(
         Drive("hand", velocity=sine(1.0, frequency, phase=0.7)),
         Body("b", inertia=1.0),
@@ -133,7 +133,7 @@ def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(frequency: float) ->
 
 
 def test_sines_that_are_there_in_one_time_span_only() -> None:
-    """Up to 10 s the normal force is cut off; then it is ``5 + 3 sin(pi t)``, whose share of 0.3 stops v = 1."""
+    """Up to 10 s the normal force is cut off at 0; then ``N = 5 + 3 sin(pi t)``, and friction of 0.3 N stops 1 m/s."""
     normal = piecewise_linear([0.0, 10.0, 10.0, 20.0], [-9.0, -9.0, 5.0, 5.0]) + sine(3.0, 0.5)
     scene = Scene(Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.5, 0.3), normal=normal))
     with validation.part_by_part():
@@ -147,14 +147,14 @@ def test_sines_that_are_there_in_one_time_span_only() -> None:
 def part_by_part(scene: Scene, stop: float, **options: Any) -> Result:
     with validation.part_by_part():
         result = simulate(scene, (0.0, stop), **options)
-    # nothing was settled as a whole but at the start
+    # only the start was settled as a whole
     assert result.trajectory.is_patchwork and len(result.trajectory.parts) == 1
     return result
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_levels_that_fall_let_go(side: int) -> None:
-    """``N = 10 - 2 t``: 3 N forward go beyond 0.5 N at 2 s, 4 N backward beyond 0.8 N at 2.5 s."""
+    """``N = 10 - 2 t``: a load of 3 N forward exceeds ``0.5 N`` at 2 s, -4 N exceed ``0.8 N`` backward at 2.5 s."""
     law = DryFriction(0.5, 0.2, mu_static_backward=0.8, mu_coulomb_backward=0.3)
     normal = piecewise_linear([0.0, 4.0], [10.0, 2.0])
     scene = Scene(
@@ -303,7 +303,7 @@ def test_an_event_of_the_user_stops_a_run_part_by_part() -> None:
 
 
 def test_power_is_watched_as_a_whole() -> None:
-    """Friction belongs to the modes of the whole scene: ``1 N (3 - t)`` m/s of block 2 are 1 W at 2 s."""
+    """A power needs the modes of the whole scene. Block 2 slides at 3 - t m/s against 1 N: its power is 1 W at 2 s."""
     events = [When("power", power("c2") - 1.0)]
     local, _ = both(sliders(20), 2.5, events=events)
     assert {type(part) for part in local.trajectory.parts} == {Piece}
@@ -312,7 +312,7 @@ def test_power_is_watched_as_a_whole() -> None:
 
 
 def test_what_begins_at_its_level_is_followed_as_a_whole_at_first() -> None:
-    """5 N at a level of 5 N that fall, and then rise: pieces of both kinds are read as one motion."""
+    """A load of 5 N at a level of 5 N falls and then rises: pieces of both kinds are read as one motion."""
     law = DryFriction(0.5, 0.2, dwell=0.1)
     scene = Scene(
         Body("held", inertia=1.0),
@@ -368,7 +368,7 @@ def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, da
 
 
 def test_a_body_between_two_elastic_walls() -> None:
-    """It is pushed back for half a period ``pi / omega``, and flies 0.4 m between; one beside it never touches."""
+    """A wall pushes the ball for half a period ``pi / omega``, and it flies 0.4 m; the other body touches nothing."""
     scene = Scene(
         Body("ball", inertia=2.0, velocity=0.5),
         Body("idle", inertia=1.0),
@@ -391,7 +391,7 @@ def test_a_body_between_two_elastic_walls() -> None:
 
 
 def test_a_ball_that_bounces_at_0() -> None:
-    """Where position and limit are both 0 nothing adds up in their difference; it comes down as fast as it left."""
+    """Position and limit are both 0 and give no scale for roundoff; the ball comes down as fast as it left."""
     scene = Scene(
         Body("ball", inertia=1.0, velocity=1.0),
         Gap("floor", "ball", GROUND, lower=0.0, stiffness=1e4),
@@ -405,7 +405,7 @@ def test_a_ball_that_bounces_at_0() -> None:
 
 
 def test_a_wall_that_moves_throws_a_body() -> None:
-    """A wall at u = 0.2 m/s meets the body at rest after 0.05 m, pushes it for half a period, and it leaves at 2 u."""
+    """A wall at u = 0.2 m/s meets a body at rest after 0.05 m, pushes it for half a period; the body leaves at 2 u."""
     speed, stiffness = 0.2, 50.0
     scene = Scene(
         Drive("wall", velocity=speed),
@@ -454,7 +454,7 @@ def test_bodies_between_walls_that_are_shaken(wall: Any) -> None:
 
 @pytest.mark.parametrize("static", [0.5, 0.3])
 def test_an_open_contact_of_a_block_that_breaks_away(static: float) -> None:
-    """Nothing presses it; with static friction of 0.5 it shows at once where the block goes, with 0.3 a step later.
+    """Its mode shows the block's direction: at once with a static coefficient of 0.5, a step later with 0.3.
 
     The block of 1 kg is pulled by t N, presses with 10 N, and breaks away at 10 times the coefficient.
     """
@@ -490,7 +490,7 @@ def test_patches_that_are_not_kept_are_left_behind(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.slow
 def test_wagons_that_touch_at_rest_start_one_by_one() -> None:
-    """All buffers are at their limit; nothing but the end of a ramp is settled as a whole, for no gap leaves it yet."""
+    """All buffers begin at their limit, but none leaves it then: only the end of the ramp is settled as a whole."""
     names, law = [f"w{i}" for i in range(20)], DryFriction(0.02, 0.01)
     scene = Scene(
         *(Body(name, inertia=1.0, position=-1.0 * i) for i, name in enumerate(names)),
@@ -568,7 +568,7 @@ def test_machines_followed_part_by_part_do_as_their_oracle(family: str) -> None:
 
 @pytest.mark.slow
 def test_a_normal_force_that_touches_0_has_not_come_through_it() -> None:
-    """It falls to 0 N at a break and rises again: what roundoff leaves below 0 is small beside what it was."""
+    """It falls to 0 N at a break and rises again: a value below 0 by roundoff is small beside the force before."""
     for k in range(0, 60, 5):
         turn, most = 0.8 + 0.013 * k, 7.3 + 0.11 * k
         normal = piecewise_linear([0.3, turn, 1.7], [most, 0.0, most])
@@ -584,7 +584,7 @@ def test_a_normal_force_that_touches_0_has_not_come_through_it() -> None:
 
 
 def test_a_velocity_that_touches_0_at_a_break_has_not_come_through_it() -> None:
-    """``v = (t - t0)^2 / 2``, and a break of another load at t0: series begin there with next to nothing."""
+    """``v = (t - t0)^2 / 2``, and another load breaks at t0: series begin there with a velocity of nearly 0."""
     for k in range(0, 60, 5):
         turn = 1.1 + 0.0137 * k
         scene = Scene(

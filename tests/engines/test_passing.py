@@ -1,4 +1,4 @@
-"""A velocity has passed 0 where it goes on beyond the solver's errors; the event is then where it was 0."""
+"""A velocity has passed 0 if it goes beyond 0 by more than the solver's errors; the event is where it was 0."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ TOLERANCES = [1e-5, 1e-8, 1e-10]
 @pytest.mark.parametrize("rtol", TOLERANCES)
 @pytest.mark.parametrize("options", ENGINES)
 def test_a_sine_moves_a_body_from_rest_and_back_again_and_again(options: dict[str, Any], rtol: float) -> None:
-    """Of v = 0.3/pi (1 - cos(2 pi t)) each minimum touches 0: the open contact never turns round."""
+    """Each minimum of v = 0.3/pi (1 - cos(2 pi t)) touches 0: the mode of the open contact never changes."""
     scene = Scene(
         Body("b", inertia=2.0),
         Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=0.0),
@@ -63,7 +63,7 @@ def test_a_sine_moves_a_body_from_rest_and_back_again_and_again(options: dict[st
 
 @pytest.mark.parametrize("options", ENGINES)
 def test_nor_where_a_scene_begins_much_slower(options: dict[str, Any]) -> None:
-    """Only a body at 1e-3 m/s moves at the start; it comes to rest at 0.5 s. Errors are parts of the 0.19 m/s then."""
+    """A body at 1e-3 m/s, stopped by 2e-3 N at 0.5 s, moves alone at first; later errors are parts of 0.19 m/s."""
     scene = Scene(
         Body("b", inertia=2.0),
         Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=0.0),
@@ -78,7 +78,7 @@ def test_nor_where_a_scene_begins_much_slower(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize("rtol", TOLERANCES)
 @pytest.mark.parametrize("options", ENGINES)
 def test_nor_does_a_freewheel_stick_where_it_touches_rest(options: dict[str, Any], rtol: float) -> None:
-    """The same, pressed, with no friction forward."""
+    """The body of the sine, pressed with 10 N, without friction forward."""
     law = DryFriction(0.0, 0.0, mu_static_backward=0.6, mu_coulomb_backward=0.5)
     scene = Scene(Body("b", inertia=2.0), Contact("wheel", "b", GROUND, law, normal=10.0), Force("b", sine(1.2, 1.0)))
     result = simulate(scene, (0.0, 7.5), rtol=rtol, atol=1e-2 * rtol, **options)
@@ -88,7 +88,7 @@ def test_nor_does_a_freewheel_stick_where_it_touches_rest(options: dict[str, Any
 @pytest.mark.parametrize("rtol", TOLERANCES)
 @pytest.mark.parametrize("options", ENGINES)
 def test_nor_does_it_turn_where_a_load_breaks_just_then(options: dict[str, Any], rtol: float) -> None:
-    """The contact begins to close at 1 s, when v = 0.3/pi (1 - cos(2 pi t)) touches 0; friction then is 0.02 t' N."""
+    """The contact begins to close at 1 s, when v = 0.3/pi (1 - cos(2 pi t)) touches 0; friction: 0.02 (t - 1) N."""
     scene = Scene(
         Body("b", inertia=2.0),
         Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=piecewise_linear([1.0, 2.0], [0.0, 0.1])),
@@ -104,7 +104,7 @@ def test_nor_does_it_turn_where_a_load_breaks_just_then(options: dict[str, Any],
 @pytest.mark.parametrize("rtol", TOLERANCES)
 @pytest.mark.parametrize("options", ENGINES)
 def test_what_does_pass_0_does_so_where_it_was_0(options: dict[str, Any], rtol: float) -> None:
-    """v = 0.05 - 0.3/pi cos(2 pi t) is 0 at cos(2 pi t) = pi/6, from both sides: open contacts turn there."""
+    """v = 0.05 - 0.3/pi cos(2 pi t) is 0 at cos(2 pi t) = pi/6, rising and falling: there the mode changes."""
     scene = Scene(
         Body("b", inertia=2.0, velocity=0.05 - 0.3 / math.pi),
         Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=0.0),
@@ -116,14 +116,14 @@ def test_what_does_pass_0_does_so_where_it_was_0(options: dict[str, Any], rtol: 
     # acceleration there: 0.6 sin(2 pi first) = 0.51 m/s2
     assert [e.t for e in result.events] == pytest.approx(exact, abs=1e-12 + 60 * rtol)
     assert [int(e.after) for e in result.events] == [1, -1] * 3
-    # the velocity is 0 there: to the error of a root, not to what is uncertain
+    # at an event the velocity is 0 to the error of a root, which is far below the solver's errors
     for event in result.events:
         assert abs(result(event.t)[0]) < 1e-14
 
 
 @pytest.mark.parametrize("options", ENGINES)
 def test_a_dip_deeper_than_the_errors_is_one(options: dict[str, Any]) -> None:
-    """Of v = 0.3/pi (1 + sin(2 pi t)) less 1e-6 m/s the minima are beyond 0: that is more than the errors."""
+    """The minima of v = 0.3/pi (1 + sin(2 pi t)) - 1e-6 are at -1e-6 m/s: that is more than the errors."""
     depth, peak = 1e-6, 0.3 / math.pi
     scene = Scene(
         Body("b", inertia=2.0, velocity=peak - depth),
@@ -154,11 +154,11 @@ def test_sticking_is_where_it_was(options: dict[str, Any], rtol: float) -> None:
 
 
 def pulled_from_rest(law: DryFriction, velocity: float = 0.0, blocks: int = 1) -> Scene:
-    """Blocks of 1 kg on springs; load and normal force grow from 0, by 4 N and 10 N in a second.
+    """Blocks of 1 kg on springs; load and normal force grow from 0, by 4 N/s and 10 N/s.
 
-    A block slips with ``v'' + W^2 v = J``: from rest ``v = J / W^2 (1 - cos W t)``, that is 0 again at
-    ``T = 2 pi / W``, where the load less the spring's force is 2 N/s T, that of friction in motion. Each block has a T
-    of its own, the first 1 s.
+    A block slips with ``v'' + W^2 v = J``, J = 4 N/s - 0.2 10 N/s: from rest ``v = J / W^2 (1 - cos W t)``. This is 0
+    again at ``T = 2 pi / W``. There the load less the spring's force is 2 N/s T, as large as kinetic friction. Each
+    block has a T of its own, the first 1 s.
     """
     elements: list[Any] = []
     for k in range(blocks):
@@ -180,7 +180,7 @@ def test_what_touches_rest_is_held_where_static_friction_is_larger(options: dict
     result = simulate(scene, (0.0, 2.5), rtol=rtol, atol=1e-2 * rtol, **options)
     assert [int(e.after) for e in result.events] == [0, 1]
     assert [e.cause for e in result.events] == ["relative velocity 0", "breakaway"]
-    # where a velocity is lowest is told to a solver's error of its slope, to the root of roundoff at best
+    # the time of a minimum is known to the solver's error of the slope, at best to the square root of roundoff
     assert [e.t for e in result.events] == pytest.approx([1.0, 2.0], abs=1e-8 + 10 * rtol)
     assert set(result.sample([1.2, 1.5, 1.9]).velocity("b0")) == {0.0}
 
@@ -189,9 +189,9 @@ def test_what_touches_rest_is_held_where_static_friction_is_larger(options: dict
 @pytest.mark.parametrize("options", ENGINES)
 @pytest.mark.parametrize("dwell", [0.0, 1e-3])
 def test_a_short_rest_is_found_with_loose_tolerances_too(options: dict[str, Any], rtol: float, dwell: float) -> None:
-    """Begun faster, v = J/W^2 + A cos W t would go beyond 0 by 1e-3 J/W^2 at T/2: it sticks just before, at t.
+    """Begun faster, v = J/W^2 + A cos W t would fall to -1e-3 J/W^2 at T/2: it sticks just before, at t_s.
 
-    The spring then has W^2 x = J t + A W sin W t, and the load is 1/3 more than the level: breakaway at that many s.
+    The spring then pulls with W^2 x = J t_s + A W sin W t_s. The load is 4 t, the level 3 t: breakaway at t = W^2 x.
     """
     angular, mean = 2 * math.pi, 2 / (4 * math.pi**2)
     amplitude = 1.001 * mean
@@ -240,7 +240,7 @@ def test_a_touch_is_told_the_same_in_every_unit_of_time(
 
     slope = brentq(lambda b: 2 * math.sin(place(b)) + b * place(b) - least, 0.1, 1.0)
     pushed = sine(2.0 * rate, rate / (2 * math.pi), phase=math.pi / 2, offset=slope * rate)
-    # with this normal force the guards are no polynomials; in motion it does nothing
+    # this normal force makes guards that are no polynomials; as mu_c = 0, it has no effect on the motion
     pressed = feedback(lambda v: rate * (1.0 + 0.1 * v * v), velocity("b"))
     scene = Scene(
         Body("b", inertia=1.0),
@@ -255,7 +255,7 @@ def test_a_touch_is_told_the_same_in_every_unit_of_time(
 
 @pytest.mark.parametrize("options", ENGINES[::3])
 def test_a_cam_that_turns_freely_lets_a_brake_go(options: dict[str, Any]) -> None:
-    """Nothing in motion feels the normal force: 10 - 0.6 t (1 - cos 10 t) falls below 5 within a long step."""
+    """No moving body feels the normal force: 10 - 0.6 t (1 - cos 10 t) falls below 5 within a long step."""
     cam = feedback(lambda a: 10 - 0.6 * a * (1 - math.cos(10 * a)), position("cam"))
     scene = Scene(
         Body("cam", inertia=1.0, velocity=1.0),
@@ -270,13 +270,13 @@ def test_a_cam_that_turns_freely_lets_a_brake_go(options: dict[str, Any]) -> Non
 
 @pytest.mark.parametrize(("least", "events"), [(1e-15, 2), (1e-12, 0), (1e-6, 0)])
 def test_a_touch_is_one_to_roundoff_where_the_engine_is_exact(least: float, events: int) -> None:
-    """Begun with `least`, the velocity at T is that, too."""
+    """A block that begins with the velocity `least` has it again at T."""
     result = simulate(pulled_from_rest(DryFriction(0.3, 0.2), least), (0.0, 2.5))
     assert len(result.events) == events
 
 
 def test_many_blocks_touch_rest_one_after_another() -> None:
-    """As one alone, in a scene that is followed block by block."""
+    """Each block touches rest at its own T, as one alone does; the scene is followed block by block."""
     result = simulate(pulled_from_rest(DryFriction(0.3, 0.2), blocks=20), (0.0, 1.1))
     assert result.stats["engine"] == "Taylor series"
     assert [e.contact for e in result.events] == [f"c{k}" for k in range(20)]
@@ -315,7 +315,7 @@ def test_a_body_that_comes_to_rest_just_beyond_0_has_passed_it(by: str, rate: fl
 
 @pytest.mark.parametrize("options", SOLVERS)
 def test_a_one_way_clutch_locks_where_a_strong_damper_lets_it_turn_hardly(options: dict[str, Any]) -> None:
-    """The driver runs back at first, then forward; locked, the clutch hands on all of its 0.5 N."""
+    """The driver runs back at first, then forward; the locked clutch hands on all of the driver's 0.5 N."""
     scene = Scene(
         Body("driver", inertia=1.0, velocity=-1.0),
         Body("driven", inertia=1.0),
@@ -332,7 +332,7 @@ def test_a_one_way_clutch_locks_where_a_strong_damper_lets_it_turn_hardly(option
 
 @pytest.mark.parametrize("options", ENGINES)
 def test_what_is_beyond_0_has_not_died_away_whatever_pushes(options: dict[str, Any]) -> None:
-    """A hundredth of the 100 N on 1 kg is left: 0.5 m/s turn round at 0.5 s. An open contact tells, and tells once."""
+    """100 N and -101 N act on 1 kg: v = 0.5 - t. The open contact has one event, where v passes 0 at 0.5 s."""
     scene = Scene(
         Body("b", inertia=1.0, velocity=0.5),
         Body("other", inertia=1.0, velocity=1.0),
@@ -349,7 +349,7 @@ def test_what_is_beyond_0_has_not_died_away_whatever_pushes(options: dict[str, A
 
 @pytest.mark.parametrize("options", ENGINES)
 def test_an_open_contact_that_closes_does_not_stop_what_moves(options: dict[str, Any]) -> None:
-    """Of 31 N 1.5 N are left from 1 s on, little beside all forces. At 3 s the contact closes, with 0.2 (t - 3) N."""
+    """The brake leaves 1.5 N of 31 N from 1 s on. At 3 s the open contact closes, with friction of 0.2 (t - 3) N."""
     scene = Scene(
         Body("b", inertia=1.0),
         Contact("brake", "b", GROUND, DryFriction(0.3, 0.295), normal=100.0),
@@ -362,7 +362,7 @@ def test_an_open_contact_that_closes_does_not_stop_what_moves(options: dict[str,
 
 
 def test_what_begins_beyond_rest_has_passed_it_where_that_is_certain() -> None:
-    """A random scene in which a velocity begins beyond 0, by less than is uncertain, and goes on: no event storm."""
+    """A random scene in which a velocity begins beyond 0 by less than its uncertainty, and goes on: no event storm."""
     data = FAMILIES["mixed"][0](20)
     scene = scene_of(data, 20)
     rough = simulate(scene, (0.0, data["t_end"]), method="BDF", rtol=1e-3, atol=1e-5)
@@ -395,7 +395,7 @@ def test_a_light_block_that_is_pulled_slowly_sticks_again(formulation: str) -> N
 def test_a_force_that_is_0_at_the_start_is_no_measure_for_others() -> None:
     """A level that has risen to 3 parts in 10,000 is met to roundoff beside a one-way contact whose force begins at 0.
 
-    The series was cut 5e-7 N off, and the contact let go for half a millisecond that others hold.
+    The series, cut too early, was 5e-7 N off: the contact let go for half a millisecond in which other engines hold it.
     """
     assert difference("one-way", "contact-force", 163) < 1e-7
 
@@ -403,9 +403,9 @@ def test_a_force_that_is_0_at_the_start_is_no_measure_for_others() -> None:
 @pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("speed", [1e5])
 def test_samples_do_not_hide_that_a_slow_slide_stops_beside_a_fast_wheel(speed: float, options: dict[str, Any]) -> None:
-    """A block in continuous motion is looked at each millisecond; by quadrature of ``dv / (10 mu(v) - 1.9)`` it stops.
+    """A block is sampled each millisecond; it stops after the integral of ``dv / (10 mu(v) - 1.9)`` over 0 to 0.05 m/s.
 
-    An open clutch joins it to the wheel, of whose velocity the solver leaves a part uncertain.
+    An open clutch joins it to a wheel, and the solver knows the wheel's velocity only to a part of it.
     """
     scene = Scene(
         Body("slide", inertia=1.0, velocity=0.05),
@@ -447,7 +447,7 @@ def test_events_of_others_do_not_hide_it_either(speed: float, options: dict[str,
 @pytest.mark.parametrize("stop", [5.0, 1e4, 1e6])
 @pytest.mark.parametrize("breaks", [[1.0], [1.0, 1.2], [1.0, 1.2, 1.4]])
 def test_breaks_of_other_loads_do_not_hide_it_in_a_long_run(breaks: list[float], stop: float) -> None:
-    """Friction of 2 N and a damper stop a body that 3 N have pushed for a second; others would be fast by the end."""
+    """Friction of 2 N and a damper stop a body that 3 N have pushed for 1 s; a free body could be fast by the end."""
     others = piecewise_linear([0.0, *breaks], [3.0, *[2.0] * (len(breaks) - 1), 0.0])
     scene = Scene(
         Body("free", inertia=1.0),
@@ -465,7 +465,7 @@ def test_breaks_of_other_loads_do_not_hide_it_in_a_long_run(breaks: list[float],
 
 @pytest.mark.parametrize("options", [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
 def test_what_leaves_its_limit_hides_no_other(options: dict[str, Any]) -> None:
-    """A stop leaves slowly, so that its stretch is roundoff for a while: another one is hit meanwhile."""
+    """One stop opens so slowly that its distance is roundoff for a while; meanwhile the other stop is hit."""
     scene = Scene(
         Body("a", inertia=0.31, velocity=-0.14034827701528618),
         Body("b", inertia=1.71, velocity=-1.8281830903657),

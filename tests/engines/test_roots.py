@@ -67,7 +67,7 @@ def test_random_polynomials_have_the_roots_that_numpy_finds(values: list[float])
     found = first_root(c)
     samples = polynomial.polyval(np.linspace(0.0, 1.0, 2001), c)
     if found is None:
-        # nothing was missed
+        # no root was missed
         assert samples.min() > -1e-14 * np.abs(c).sum()
     else:
         assert 0 < found <= 1 and suspected(c)
@@ -77,7 +77,7 @@ def test_random_polynomials_have_the_roots_that_numpy_finds(values: list[float])
     roots = by_numpy(c)
     clear = [r for r in roots if abs(polynomial.polyval(r, polynomial.polyder(c))) > 1e-3]
     if found is not None and roots and clear == roots:
-        # a root of eigenvalues has the roundoff of the largest one: a step of Newton's method takes it away
+        # numpy finds roots as eigenvalues, with the roundoff of the largest one: a step of Newton's method removes it
         root = roots[0] - polynomial.polyval(roots[0], c) / polynomial.polyval(roots[0], polynomial.polyder(c))
         assert found == pytest.approx(root, abs=1e-9)
     if not suspected(c):
@@ -87,7 +87,7 @@ def test_random_polynomials_have_the_roots_that_numpy_finds(values: list[float])
 @settings(deadline=None, max_examples=200)
 @given(st.integers(1, 18), st.integers(0, 2**32 - 1))
 def test_series_of_high_order_that_die_away(order: int, seed: int) -> None:
-    """As Taylor series do: coefficients that fall from order to order."""
+    """Coefficients fall from order to order, as those of Taylor series do."""
     c = np.random.default_rng(seed).normal(size=order + 1) / 2.0 ** np.arange(order + 1)
     c[0] = abs(c[0])
     found = first_root(c)
@@ -97,7 +97,7 @@ def test_series_of_high_order_that_die_away(order: int, seed: int) -> None:
         assert found is not None
         assert (below[0] - 1) / 4000 - 1e-12 <= found <= below[0] / 4000 + 1e-12
     elif found is not None:
-        # it dips between two samples
+        # it dips below 0 between two samples
         assert abs(polynomial.polyval(found, c)) < 1e-14
 
 
@@ -148,7 +148,7 @@ def test_a_triple_root_crosses() -> None:
 
 
 def test_a_root_at_the_end_belongs_to_the_step_to_come() -> None:
-    """A polynomial that comes to 0 at 1 and not below is not negative; one that is below there has crossed."""
+    """A polynomial that is 0 at 1 has not crossed 0; one that is negative there has."""
     assert first_root(np.array([1.0, -1.0])) is None
     assert first_root(np.array([1.0, -1.0 - 1e-12])) == pytest.approx(1.0, abs=2e-12)
 
@@ -176,7 +176,8 @@ def test_columns_that_cannot_vanish_are_left_out() -> None:
             [0.0, 0.0, -0.05, 1.0, 3.0],
         ]
     )
-    # 0.5 - s + s^2 = (s - 1/2)^2 + 1/4, 1 - 3 s + 3 s^2 = 3 (s - 1/2)^2 + 1/4: their Bernstein coefficients tell
+    # 0.5 - s + s^2 = (s - 1/2)^2 + 1/4 and 1 - 3 s + 3 s^2 = 3 (s - 1/2)^2 + 1/4 have no root either, but their
+    # Bernstein coefficients are not all positive: such columns may be kept
     for many in (1, 20):
         close, bernstein = may_vanish(np.tile(c, many))
         assert not np.isin(close % 5, (0, 2)).any() and (close % 5 == 1).sum() == many
@@ -196,21 +197,21 @@ def test_a_column_left_out_is_positive(order: int, seed: int) -> None:
 
 
 def test_a_dip_of_roundoff_is_none_but_what_comes_after_is_found() -> None:
-    # (s - 0.3)^2 - 1e-14 dips below 0 by 1e-14 of speeds of 1: that is what roundoff adds up to
+    # (s - 0.3)^2 - 1e-14 dips to -1e-14: where `floor` says that terms have the size 1, that is roundoff
     dip = np.array([0.09 - 1e-14, -0.6, 1.0])
     assert first_root(dip) == pytest.approx(0.3 - 1e-7, abs=1e-8)
     assert first_root(dip, floor=1.0) is None
     assert first_root(dip, floor=1e-3) == pytest.approx(0.3 - 1e-7, abs=1e-8)
-    # and then passes 0 at 0.8
+    # after the dip it passes 0 at 0.8
     later = np.convolve(dip, [0.8, -1.0])
     assert first_root(later, floor=1.0) == pytest.approx(0.8, rel=1e-14)
-    # two of them
+    # two dips before the root
     twice = np.convolve(later, [0.25 - 1e-14, -1.0, 1.0])
     assert first_root(twice, floor=1.0) == pytest.approx(0.8, rel=1e-14)
-    # a deeper one is one
+    # a deeper dip has a root
     deep = np.array([0.09 - 1e-11, -0.6, 1.0])
     assert first_root(deep, floor=1.0) == pytest.approx(0.3 - 1e-11**0.5, rel=1e-9)
-    # and where it has not come back by the end
+    # a dip that has not come back to 0 by the end has a root
     assert first_root(np.array([1.0 - 1e-14, -2.0, 1.0]), floor=1.0) == pytest.approx(1 - 1e-7, abs=1e-8)
 
 
@@ -220,12 +221,12 @@ def test_a_touch_is_found_where_it_is_asked_for(place: float, depth: float) -> N
     touches = np.convolve([place**2 + depth, -2 * place, 1.0], [2.0, -1.0])
     found, only = first_touch(touches, 1.0)
     assert only and found == pytest.approx(place, abs=1e-9)
-    # what turns higher up or lower down does not
+    # a minimum 1e-11 above 0 is no touch, and one 1e-11 below 0 is a crossing
     assert first_touch(touches + np.array([1e-11, 0.0, 0.0, 0.0]), 1.0) == (None, False)
     if place > 1e-3:
         found, only = first_touch(touches - np.array([1e-11, 0.0, 0.0, 0.0]), 1.0)
         assert not only and found == pytest.approx(place - (1e-11 / (2 - place)) ** 0.5, rel=1e-6)
-    # a root before it is found before it
+    # a root before the touch is found first
     first = np.convolve(touches, [0.5 * place, -1.0])
     assert first_touch(first, 1.0) == (pytest.approx(0.5 * place, rel=1e-9), False)
 
@@ -239,7 +240,7 @@ def test_roots_far_down_have_the_roundoff_of_the_terms_there(length: float, gap:
     assert first_root(c, floor=gap) == pytest.approx(root / length, rel=1e-14)
     place, only = first_touch(c, gap)
     assert place == pytest.approx(root / length, rel=1e-14) and not only
-    # what turns above 0 there has none, and what turns at 0 touches it
+    # a parabola with its minimum above 0 has no root, and one with its minimum at 0 touches it
     assert first_root(c + np.array([0.501 - gap, 0.0, 0.0]), floor=0.5) is None
     assert first_touch(c + np.array([0.501 - gap, 0.0, 0.0]), 0.5) == (None, False)
     assert first_touch(c + np.array([0.5 - gap, 0.0, 0.0]), 0.5) == (

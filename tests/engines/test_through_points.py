@@ -32,7 +32,7 @@ Array = np.ndarray
 
 
 def between(taus: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return times within the steps, and what the polynomials say there."""
+    """Return times within the steps, and the values of the polynomials there."""
     places = np.array([0.15, 0.5, 0.85])
     values = np.polynomial.chebyshev.chebvander(2 * places - 1, coefficients.shape[1] - 1) @ coefficients
     return (taus[:-1, None] + np.diff(taus)[:, None] * places).ravel(), values.reshape(-1, values.shape[2])
@@ -41,7 +41,7 @@ def between(taus: Array, coefficients: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("method", "degree"), [("BDF", 6), ("Adams", 12)])
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-12])
 def test_between_the_points_of_cvode_the_error_is_that_of_the_points(method: str, degree: int, rtol: float) -> None:
-    """``x'' = -4 x - x'^3 / 10``, beside an integration to roundoff."""
+    """``x'' = -4 x - x'^3 / 10``, against an integration to roundoff."""
 
     def rate(tau: float, y: Array, out: Array) -> None:
         out[0], out[1] = y[1], -4.0 * y[0] - 0.1 * y[1] ** 3
@@ -65,7 +65,7 @@ def test_between_the_points_of_cvode_the_error_is_that_of_the_points(method: str
 
 
 def test_steps_of_adams_methods_are_foreseen_from_rates() -> None:
-    """``x'' = t^5 / 10`` from -3 m/s: the last two steps are long, and few points before them tell how they bend."""
+    """``x'' = t^5 / 10`` from -3 m/s: the last two steps are long; the points before do not show how v bends."""
     times = np.linspace(0.0, 3.0, 301)
     scene = Scene(
         Body("m", inertia=1.0, velocity=-3.0),
@@ -79,7 +79,7 @@ def test_steps_of_adams_methods_are_foreseen_from_rates() -> None:
 
 @pytest.mark.parametrize("rtol", [4e-8, 1e-8, 5e-9, 1e-10])
 def test_corners_within_long_steps_of_adams_methods_are_as_exact(rtol: float) -> None:
-    """Two limited controllers push a block, as by the series: what begins at a corner begins where that was found."""
+    """Two limited controllers push a block, against the series: a motion begins exactly at the corner before it."""
     integral = {"A": [[0.0]], "B": [[1.0]], "C": [[1.0]], "D": [[1.0]], "limits": [(-2.0, 2.0)]}
     scene = Scene(
         Body("m", inertia=0.5, velocity=-2.0),
@@ -110,7 +110,7 @@ def error(taus: Array, function: Any, rtol: float = 1e-8, degree: int = 6) -> Ar
 
 
 def test_points_in_a_layer_that_has_ended_say_nothing_of_what_follows() -> None:
-    """``cos t + exp(-1e6 t)``: steps that follow the layer, then tenfold ones."""
+    """``cos t + exp(-1e6 t)``: short steps in the layer, then steps that grow tenfold each, up to 0.02."""
     layer = np.linspace(0.0, 2.5e-5, 600)
     after = layer[-1] + np.cumsum(np.minimum(4e-8 * 10.0 ** np.arange(200), 0.02))
     wrong = error(np.append(layer, after), lambda t: np.cos(t) + np.exp(-1e6 * t))
@@ -139,7 +139,7 @@ def test_where_nothing_happens_two_points_are_enough() -> None:
     [(0.67, 0.0742, 23.3, 0.5), (0.22, 0.0053, 6.1, 0.233), (1.15, 0.0469, 48.6, 0.627)],
 )
 def test_a_block_that_slides_to_rest(velocity: float, stribeck: float, normal: float, stop: float, method: str) -> None:
-    """1 kg comes to rest after the integral of dv / (0.2 + 0.2 exp(-(v/v_s)^2)) / N."""
+    """1 kg comes to rest after the integral of ``dv / (0.2 + 0.2 exp(-(v/v_s)^2)) / N`` over 0 to `velocity`."""
     law = DryFriction(0.4, 0.2, stribeck_velocity=stribeck)
     scene = Scene(Body("b", inertia=1.0, velocity=velocity), Contact("c", "b", GROUND, law, normal=normal))
     result = simulate(scene, (0.0, stop), method=method, rtol=1e-7, atol=1e-9)
@@ -160,7 +160,7 @@ def test_a_step_of_nothing_between_long_ones_does_not_count(method: str) -> None
 
 
 def test_where_a_solver_places_a_root_that_it_is_told_of_is_no_end_of_a_step() -> None:
-    """As near to a point as 1e-19 s it would tell a slope of roundoff."""
+    """The root is 1.4e-17 s behind a point: the slope of a step so short would be roundoff."""
     values = {0.0: 1.0, 0.1: 1.0, 0.2: -1.0}
     motion = SimpleNamespace(has_left=lambda tau, y: False, has_left_in_floats=None, t=0.0)
     guards = SimpleNamespace(smallest=lambda tau, y: values[tau], motion=motion)

@@ -1,4 +1,4 @@
-"""What is made of what a solver says."""
+"""Statuses of a solver: after which a new solver goes on, and which end the run."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def least_norm(case: Case) -> tuple[Array, Array]:
     n = case.n
     scale = np.abs(np.hstack([G, D])).max(axis=1)
     unit, led = G / scale[:, None], D @ np.array(case.drives) / scale
-    # orthonormal rows that say the same
+    # orthonormal rows of the same constraints
     left, sizes, right = np.linalg.svd(unit)
     rank = int((sizes > 1e-9).sum())
     rows, pull = right[:rank], (left.T @ led)[:rank] / sizes[:rank]
@@ -239,7 +239,7 @@ def test_a_group_on_the_ground_stands_still(kind: str, sign: float) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_drive_s_acceleration_pulls_its_group_along(kind: str) -> None:
-    """The drive pushes with what is needed beyond F: (1 + 2) 5 - 2."""
+    """The drive gives 1 kg + 2 kg 5 m/s2, beside loads of 1 N each: 3 5 - 2 = 13 N."""
     case = Case([1.0, 2.0, 3.0], [{3: 1.0, 0: -1.0}, between(0, 1)], [1.0, 1.0, 9.0], (5.0,))
     acceleration, force = case.solved(kind)
     assert acceleration.tolist() == pytest.approx([5.0, 5.0, 3.0], rel=1e-15)
@@ -250,7 +250,7 @@ def test_a_drive_s_acceleration_pulls_its_group_along(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_drives_that_part_pull_with_huge_forces(kind: str) -> None:
-    """A block between the floor and a belt that accelerates with 0.5: dragged over both with the same force."""
+    """A block held by the floor and by a belt that accelerates with 0.5: huge opposite forces, whose sum is the 6 N."""
     case = Case([2.0], [{0: 1.0}, {0: 1.0, 1: -1.0}], [6.0], (0.0,))
     assert case.solved(kind)[1].tolist() == pytest.approx([3.0, 3.0])
     _, found = Case(case.inertia, case.rows, case.forces, (0.5,)).solved(kind)
@@ -311,13 +311,13 @@ def test_a_ring_takes_the_least_forces(kind: str) -> None:
     expected = least_norm(case)
     np.testing.assert_allclose(acceleration, expected[0], rtol=1e-12)
     np.testing.assert_allclose(force, expected[1], rtol=1e-12)
-    # nothing can be added all around the ring that makes the forces smaller
+    # a force added all around the ring would make the norm larger
     assert sum(force) == pytest.approx(0.0, abs=1e-14)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_loop_of_very_different_inertias(kind: str) -> None:
-    """The heavy body hardly moves: two thirds of the force go there at once, one third over the light one."""
+    """The heavy body hardly moves: two thirds of the force go directly to it, one third through the light body."""
     case = Case([1.0, 1e12, 1e-3], [between(0, 1), between(1, 2), between(2, 0)], [1.0, 0.0, 0.0])
     np.testing.assert_allclose(case.solved(kind)[1], [2 / 3, -1 / 3, -1 / 3], rtol=1e-11)
 
@@ -344,7 +344,7 @@ def test_a_gear_reduces_inertia_by_the_square_of_its_ratio(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_bodies_without_inertia_follow_where_others_decide(kind: str) -> None:
-    """A planetary gear, ``(1 + 2) v_c = v_s + 2 v_r``, whose carrier has none: forces are as 1 to 2 to -3."""
+    """A planetary gear, ``(1 + 2) v_c = v_s + 2 v_r``, whose carrier has none: its forces are as 3 to -1 to -2."""
     case = Case([0.0, 2.0, 3.0], [{0: 3.0, 1: -1.0, 2: -2.0}], [1.0, 0.5, -1.0])
     acceleration, force = case.solved(kind)
     expected = exact(case)
@@ -420,7 +420,7 @@ def test_many_columns_of_forces_at_once(case: Case) -> None:
 @settings(deadline=None, max_examples=50)
 @given(cases())
 def test_majorants_bound_what_they_are_for(case: Case) -> None:
-    """They are majorants: never less than what comes of it."""
+    """They are never less than the accelerations and forces that loads of at most these sizes cause."""
     if not well_posed(case):
         return
     F = np.array(case.forces)
@@ -439,7 +439,7 @@ def test_majorants_bound_what_they_are_for(case: Case) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_components_met_before_give_the_same_balance(seed: int) -> None:
-    """From one set of held rows to the next few components change; what is remembered is equal to the bit."""
+    """Few components change from one set of held rows to the next; remembered ones are equal to the bit."""
     rng = np.random.default_rng(seed)
     n, m = 40, 70
     ends = rng.integers(n, size=m)

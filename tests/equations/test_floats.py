@@ -48,7 +48,7 @@ CURVES = {
 
 
 def started(law: DryFriction, modes: tuple[int, int], uncertain: float | None = None) -> tuple[Motion, Guards]:
-    """Two bodies in a row on springs, the first one on a belt."""
+    """Two bodies in a row, the first one on a belt, the second one on a spring."""
     scene = Scene(
         Drive("belt", velocity=0.2),
         Body("a", inertia=1.0, velocity=0.5),
@@ -182,7 +182,7 @@ def test_no_guard_goes_below_its_bound(law: DryFriction, modes: tuple[int, int])
         stays = guards.order == np.iinfo(np.intp).max
         some = known & ~stays
         assert np.all(there[some].min(axis=1) >= low[some, k] - 1e-12)
-    # velocities are always known; forces where no curve acts on them
+    # bounds of velocities are always known, those of forces where no curve acts on them
     assert np.all(low[guards.is_velocity] > -math.inf)
     assert np.isinf(low).any() == (modes == (1, 0) and law.curved)
 

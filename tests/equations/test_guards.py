@@ -1,4 +1,4 @@
-"""Guards: what has to stay positive while modes hold, how it leaves 0 at the start, and its zeros divided out."""
+"""Guards stay positive while modes hold: their values, how they leave 0 at the start, their zeros divided out."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_a_body_set_moving_leaves_rest_with_one_order_more_than_what_pushes_it(o
     motion, guards = started(block(sign * rising(4.0, 1.0, order)), [sign])
     assert guards.order.tolist() == [order + 1] and not guards.violated.any()
     assert not guards.is_plain and guards.armed == 1
-    # its zeros are divided out, two at most: what is left is positive from the start on
+    # its zeros are divided out, two at most: the quotient is positive from the start on
     for tau in (0.0, 1e-9, 1e-3, 0.1):
         assert values(motion, guards, tau)[0] > 0
     power = min(order + 1, 2)
@@ -174,7 +174,7 @@ def test_a_force_at_its_level_that_falls_is_held(order: int, side: int) -> None:
     assert not guards.violated.any()
     assert guards.order[guards.direction == side].tolist() == [order]
     assert guards.order[guards.direction == -side].tolist() == [0]
-    # 1 is left of both: t / t and (1 - cos(2 pi t)) / (2 pi^2 t^2)
+    # both quotients begin at 1: t / t and (1 - cos(2 pi t)) / (2 pi^2 t^2)
     chosen = int(np.flatnonzero(guards.direction == side)[0])
     exact = 1.0 if order == 1 else (1 - math.cos(0.2 * math.pi)) / (2 * math.pi**2 * 0.01)
     assert values(motion, guards, 0.1)[chosen] == pytest.approx(exact, rel=1e-12)
@@ -206,12 +206,12 @@ def test_what_a_solver_left_beyond_a_stop_is_no_touch(beyond: float) -> None:
     assert guards.order.tolist() == [2] and not guards.violated.any()
     for tau in (0.0, 1e-9, 1e-7, 1.5e-6, 4e-6, 1e-3, 1.0):
         assert guards.smallest(tau, motion.exact(tau, np.array([-tau, beyond - tau**2 / 2]))) > 0
-    # it falls back later on
+    # later it falls back
     assert guards.smallest(1.0, motion.exact(1.0, np.array([1.0, 0.1]))) < 0
 
 
 def test_a_stop_whose_force_has_come_to_nothing_but_roundoff_lets_go() -> None:
-    """It is pressed with ``1 - t``: 1e-11 s before 1 s what is left is roundoff, and then it is drawn off."""
+    """Its force is ``1 - t``: 1e-11 s before 1 s this is roundoff, and then the load draws the body off."""
     pressed = piecewise_linear([0.0, STOP], [1.0, -1.0])
     scene = Scene(Body("a", inertia=1.0, position=1.0), Force("a", pressed), Stop("stop", "a", GROUND, upper=1.0))
     _, guards = started(scene, [APART], t=1.0 - 1e-11, labels=[1], fired=True)
@@ -236,7 +236,7 @@ def test_a_row_that_others_lock_never_moves() -> None:
 
 
 def test_a_drive_that_accelerates_takes_along_what_it_holds() -> None:
-    """The body has no freedom left, but the drive moves it: ``w = t`` on the ground."""
+    """The body has no degree of freedom, but the drive moves it: ``w = t`` on the ground."""
     scene = Scene(
         Body("a", inertia=1.0),
         Drive("d", velocity=piecewise_linear([0.0, STOP], [0.0, STOP])),

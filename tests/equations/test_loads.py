@@ -153,7 +153,7 @@ def test_a_normal_force_is_cut_off_at_zero() -> None:
 @pytest.mark.parametrize("t", [0.0, 0.03, 0.41, 0.55])
 @pytest.mark.parametrize("scale", [1.0, 1e-3])
 def test_taylor_coefficients_in_closed_form(t: float, scale: float) -> None:
-    """A line has two; ``sin(omega t + phi)`` has ``omega^k sin(omega t + phi + k pi / 2) / k!``."""
+    """A line has two coefficients; ``sin(omega t + phi)`` has ``omega^k sin(omega t + phi + k pi / 2) / k!``."""
     order, omega = 18, 2 * math.pi * 4.0
     table = loads().after(t).taylor(t, order, scale)
     assert table.shape == (order + 1, 7)
@@ -239,7 +239,7 @@ def test_a_slow_sine_does_not_hide_that_a_function_is_unknown() -> None:
 
 
 def test_fixed_steps_read_every_load_and_stop_where_one_or_a_drive_s_acceleration_jumps() -> None:
-    """The step jumps at 0.4, the slope of the last at 0.5; the brake comes to 0 at 0.15 and 0.6 without a jump."""
+    """The step jumps at 0.4, the last signal's slope at 0.5; the brake comes to 0 at 0.15 and 0.6 without a jump."""
     q = Loads(SIGNALS, [4], 0.0, 1.0, stepped=True)
     assert q.breaks == [0.4, 0.5] and q.has_functions
     assert Loads(SIGNALS, [], 0.0, 1.0, stepped=True).breaks == [0.4]

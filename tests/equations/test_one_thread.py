@@ -23,7 +23,7 @@ def threads() -> set[int]:
 
 
 def pushed(seen: list[set[int]], calls: float) -> Scene:
-    """Return a slider whose load notes how many threads there are, and fails after so many calls."""
+    """Return a slider whose load notes how many threads there are, and fails after `calls` calls."""
 
     def load(t: float) -> float:
         seen.append(threads())

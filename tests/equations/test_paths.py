@@ -94,7 +94,7 @@ def test_a_cut_path_is_the_same_up_to_there(is_chebyshev: bool, tau: float) -> N
     taus = np.linspace(0.0, tau, 33)
     np.testing.assert_allclose(cut.at(taus), path.at(taus), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(cut.last, path.at(np.array([tau]))[0])
-    # what it was cut from stays
+    # the path that was cut does not change
     np.testing.assert_array_equal(path.coefficients, made(is_chebyshev).coefficients)
 
 

@@ -1,4 +1,4 @@
-"""Taylor coefficients at the start of a motion that is no linear one, against derivatives by hand."""
+"""Taylor coefficients at the start of a nonlinear motion, against derivatives by hand."""
 
 from __future__ import annotations
 

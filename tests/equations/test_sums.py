@@ -47,7 +47,7 @@ def test_signals_are_however_they_are_written(one: Signal, other: Signal, factor
         (LINES, sine(0.2, 2.0), sine(0.1, 2.0) + LINES, (1.0, 0.5)),
         (LINES, piecewise_linear([0.5, 2.0], [0.0, 1.0]), LINES + piecewise_linear([0.5, 2.0], [0.0, 3.0]), (1.0, 3.0)),
         (FUNCTION, signal(math.cos), FUNCTION - 0.5 * signal(math.cos), (1.0, -0.5)),
-        # of one frequency all are sums of two
+        # every sine is a sum of any two others of its frequency
         (sine(1.0, 2.0), sine(1.0, 2.0, math.pi / 3), sine(1.0, 2.0, 2 * math.pi / 3), (-1.0, 1.0)),
     ],
 )

@@ -1,4 +1,4 @@
-"""One matrix of Taylor coefficients beside the recursion, and beside a closed form."""
+"""Taylor coefficients by one matrix, against the recursion and against a closed form."""
 
 from __future__ import annotations
 
@@ -92,13 +92,13 @@ def test_the_map_is_the_recursion(
 @pytest.mark.parametrize("made", [pulled, swung])
 @pytest.mark.parametrize("modes", [[1, -1], [0, 1], [1, 0], [0, 0]])
 def test_majorants_of_guards_are_those_of_the_recursion(made: Callable[[], Scene], modes: list[int]) -> None:
-    """But for dwells: the product knows how far these are, the recursion takes them as if they had just begun."""
+    """Except for dwells: the product knows their age, the recursion takes them as if they had just begun."""
     motion, guards = motion_of(made(), modes)
     found = motion.guard_majorants(guards.rows, 5)
     expected = np.array([guards.rows.majorants(z, q) for q, z in motion.majorants(5)])
     rising = motion.is_rising(0.0)
     assert (found <= expected * (1 + 1e-12)).all() and (rising or (found >= expected * (1 - 1e-12)).all())
-    # nothing is larger than its majorant
+    # no coefficient is larger than its majorant
     series = guards.series(motion.expand(0.0, motion.y, 5))
     assert (np.abs(series) <= found * (1 + 1e-12) + 1e-300).all()
 

@@ -12,7 +12,7 @@ def test_levers_hand_velocities_on_along_a_chain_and_back() -> None:
     assert found.part.tolist() == [0, 0, 0, 1]
     assert found.ratio[:3] / found.ratio[0] == pytest.approx([1.0, 1e-3, 1e-3])
     assert found.handed_on(np.array([300.0, 0.1, 0.2, 5.0])) == pytest.approx([300.0, 0.3, 0.3, 5.0])
-    # what the table has would turn the motor faster than anything turns
+    # the table's 1 m/s would turn the motor at 1000 rad/s, but the bound is 5, the fastest velocity
     assert found.handed_on(np.array([0.0, 1.0, 0.0, 5.0])) == pytest.approx([5.0, 1.0, 1.0, 5.0])
     assert not found.is_uniform
 
@@ -25,7 +25,7 @@ def test_drives_join_nothing() -> None:
 
 
 def test_drives_lead_what_is_joined_to_them() -> None:
-    """A screw of 1 mm/rad that drive 3 turns moves table 0; wheel 1 stands between drives 3 and 4, and 2 alone."""
+    """Drive 3 moves table 0 by a screw of 1 mm/rad; wheel 1 stands between drives 3 and 4; body 2 stands alone."""
     found = Transmission(3, [{0: 1.0, 3: -1e-3}, {1: 2.0, 3: 1.0}, {1: 1.0, 4: -1.0}, {2: 1.0}])
     assert found.led(np.array([300.0, -20.0])) == pytest.approx([0.3, 150.0, 0.0])
     assert Transmission(2, [{0: 1.0, 1: -1.0}]).led(np.array([7.0])).tolist() == [0.0, 0.0]
@@ -46,7 +46,7 @@ def test_signals_hand_on_what_signals_gave() -> None:
 
 
 def test_levers_of_drives_count() -> None:
-    """A nut on the screw 1, which is led."""
+    """Body 0 is a nut on a screw, drive 1."""
     assert not Transmission(1, [{0: 1.0, 1: -1e-3}]).is_uniform
     assert Transmission(1, [{0: 1.0, 1: -1.0}]).is_uniform
 

@@ -1,4 +1,4 @@
-"""A force that is beyond its level by next to nothing, for a moment: the contact lets go, and sticks again at once."""
+"""A force that is barely beyond its level for a moment: the contact lets go, and sticks again at once."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def pressed(law: Law, normal: Load) -> Scene:
 
 
 def scene(law: Law, kind: str, excess: float) -> Scene:
-    """The load is beyond the level by `excess` of it at `PEAK`, as a load or a lack of normal force."""
+    """At `PEAK` the load is `excess` of the level beyond it: the load is higher, or the normal force lower."""
     high, low, period = LEVEL * (1 + excess), NORMAL * (1 - excess), 2 * math.pi / OMEGA
     if kind == "sine":
         return pushed(law, sine(high, 1 / period, math.pi / 2 - OMEGA * PEAK))
@@ -146,7 +146,7 @@ def test_rest_under_a_load_just_beyond_the_level_that_falls_back(slope: float, b
         assert first.t == pytest.approx(1.0, abs=1e-7) and last.after == 0
         longest = 2.2 * beyond / slope
         if way == SOLVERS[2]:
-            # IDA tells a velocity from 0 where it is beyond 100 times its tolerance, here of the speed at the start
+            # IDA knows a velocity from 0 beyond 100 times its tolerance, here a part of the speed at the start
             longest += math.sqrt(2.2e-6 * (2.0 + slope / 2) / slope)
         assert 0.0 <= last.t - first.t <= longest
         assert result.velocity("block")[-1] == 0.0

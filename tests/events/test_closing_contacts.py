@@ -30,9 +30,9 @@ from stickslip.model.arrays import Array
 @pytest.mark.parametrize("method", ["auto", "BDF", "RK4"])
 @pytest.mark.parametrize("periods", [0, 1, 2, 5])
 def test_a_contact_pressed_by_a_sine_closes_in_every_period(method: str, periods: int) -> None:
-    """v falls by 2/pi in every first half of a period, and comes to 0 in that after `periods` whole ones.
+    """v falls by 2/pi in the first half of each period, and comes to 0 after `periods` whole periods.
 
-    There v = 1 - (1 - cos(2 pi t)) / pi if it began with 1 and t counts from the period's start.
+    There v = 0.5 - (1 - cos(2 pi t)) / pi with t from the start of that period.
     """
     speed = 0.5 + 2 / math.pi * periods
     scene = Scene(
@@ -51,7 +51,7 @@ def test_a_contact_pressed_by_a_sine_closes_in_every_period(method: str, periods
 @pytest.mark.parametrize("start", [0.0, 1.0, 3.0])
 @pytest.mark.parametrize("jump", [1.0, 3.0])
 def test_a_normal_force_that_touches_0_as_something_else_happens(method: str, start: float, jump: float) -> None:
-    """N = 2 - 2 cos(2 pi (t - 1) / 2) touches 0 at 1, 3 and 5 s: as the run starts, or a force of 0.5 N begins.
+    """N = 2 - 2 cos(2 pi (t - 1) / 2) touches 0 at 1, 3 and 5 s: where the run or a force of 0.5 N begins.
 
     Friction takes t - sin(pi (t - 1)) / pi from the velocity in between.
     """
@@ -85,10 +85,10 @@ def ramp(first: float, second: float) -> Signal:
 
 @pytest.mark.parametrize("amplitude", [0.0, 1e-25])
 def test_a_block_slips_on_when_another_one_comes_to_rest(amplitude: float) -> None:
-    """All begin at rest, without forces: what the velocities are small beside is what they become, not what they were.
+    """All begin at rest, without forces: the scale of a small velocity is what the velocities become later.
 
-    The lone block is pushed back by 2.1 - 0.16 3.6 = 1.524 N a second until 2 s, which dies away until 2.5 s; then it
-    is pushed forward by 2 (1.05 + 0.576) N a second until 3 s, and by 1.626 N from then on. So it turns at
+    The force on the lone block rises backward by 2.1 - 0.16 3.6 = 1.524 N/s until 2 s, and falls to 0 until 2.5 s. Then
+    it rises forward by 2 (1.05 + 0.576) N/s until 3 s, and stays at 1.626 N. So the block turns at
     3 s + (0.762 + 0.381 - 0.4065) / 1.626 s, whatever the others do.
     """
     scene = Scene(
@@ -117,7 +117,7 @@ def test_a_block_slips_on_when_another_one_comes_to_rest(amplitude: float) -> No
 
 @pytest.mark.parametrize("start", [2.0**20, 2.0**30])
 def test_a_contact_that_reverses_while_nothing_presses_it_stays_open_however_late(start: float) -> None:
-    """N = 0.8 - 2.1 v is negative as the sliding turns round at 1.352 s; of the time only its roundoff counts."""
+    """N = 0.8 - 2.1 v is negative where the sliding turns, at 1.352 s; a late start adds only roundoff of the time."""
     scene = Scene(
         Body("a", inertia=1.8, velocity=-1.1, position=-0.2),
         Body("b", inertia=1.6),
@@ -138,7 +138,7 @@ def test_a_contact_that_reverses_while_nothing_presses_it_stays_open_however_lat
 def test_what_a_planet_carrier_presses_closes_when_its_brake_slips(speed: float, options: dict[str, Any]) -> None:
     """The brake holds 0.92 N, which the ramp of 4 N/s reaches at 0.23 s; from then on N = 3 v grows as (t - 0.23)^2.
 
-    The gear's force does no work: of m v' = F - A h it is the h that keeps A v = 0.
+    In m v' = F - A h the gear's force h is the one that keeps A v = 0.
     """
     gear, inertias = np.array([1.8, 1.0, -2.8]), np.array([0.8, 1.3, 1.05])
 

@@ -54,7 +54,7 @@ def changes(result: Result) -> set[tuple[str, float, int]]:
         # the ground holds 3.6 N: the belt slips at 3.3 N
         ((3.0, 0.6), 3.3, {"belt": -1}),
         ((2.0, 1.0, 1.0), 3.9, {"belt": -1}),
-        # the belt holds more; to follow it the body then needs 1 N and what the ground still takes, 2.4 or 3.2 N
+        # the belt holds more; to follow it the body needs 1 N and the friction of the ground, 2.4 or 3.2 N
         ((2.0, 1.0), 3.5, {"g0": 1, "g1": 1}),
         ((2.0, 2.0), 4.5, {"g0": 1, "g1": 1}),
         # 1 + 2.88 N are more than 3.7 N: the belt slips too, with 2.96 N
@@ -78,7 +78,7 @@ def test_rows_that_lock_the_same_motion_give_way_together(
 def test_levels_count_on_the_side_to_which_the_belt_pulls(
     turn: int, moving: dict[str, int], options: dict[str, Any]
 ) -> None:
-    """The ground holds 2 N forward and 9 N backward; the belt takes along with 3 N and 1 N, slipping with half."""
+    """The ground holds 2 N forward and 9 N backward; the belt pulls with 3 N and 1 N, in motion with half."""
     ground = DryFriction(0.2, 0.16, mu_static_backward=0.9, mu_coulomb_backward=0.8)
     belt = DryFriction(0.1, 0.05, mu_static_backward=0.3, mu_coulomb_backward=0.15)
     scene = Scene(
@@ -120,7 +120,7 @@ def test_in_a_chain_the_weakest_link_gives_way(first: float, second: float, opti
 
 @pytest.mark.parametrize("options", ENGINES)
 def test_a_one_way_clutch_beside_a_contact_gives_way_only_where_it_runs_free(options: dict[str, Any]) -> None:
-    """Beside a clutch that holds the body to the ground, the belt slips, whatever its level; else 1 N lets go first."""
+    """If a clutch holds the body to the ground, the belt slips, whatever its level; else two contacts of 1 N do."""
     rows = [
         contact("g", "b0", GROUND, 1.0),
         contact("g2", "b0", GROUND, 1.0),
@@ -137,7 +137,7 @@ def test_a_one_way_clutch_beside_a_contact_gives_way_only_where_it_runs_free(opt
 def test_drives_that_move_alike_but_for_roundoff_tear_nothing(
     force: float, moving: dict[str, int], options: dict[str, Any]
 ) -> None:
-    """Belts at 0.3 t and at 0.1 t + 0.2 t m/s hold 1 kg with 1, 1 and 3 N; 0.3 N of a force take it along."""
+    """Belts at 0.3 t and at 0.1 t + 0.2 t m/s hold 1 kg with 1, 1 and 3 N; 0.3 N of the force accelerate it."""
     alike = piecewise_linear([0.0, 1.0], [0.0, 0.1]) + piecewise_linear([0.0, 1.0], [0.0, 0.2])
     scene = Scene(
         Body("b", inertia=1.0),
@@ -177,9 +177,9 @@ def test_what_happens_apart_is_what_happens_alone(options: dict[str, Any]) -> No
 def test_what_else_acts_helps_to_hold(
     ground: tuple[float, ...], end: str, force: float, ground_holds: bool, options: dict[str, Any]
 ) -> None:
-    """The belt pulls with 4.7 N at most: less than the 4 N of the ground and 0.8 N of a force that pulls back.
+    """The belt pulls with 4.7 N at most: less than the sum of the ground's 4 N and a force of 0.8 N that pulls back.
 
-    It does the same with a shoe that is fixed to it.
+    It pulls alike through a shoe that is fixed to it.
     """
     rows = [
         Contact(f"g{k}", "b0", GROUND, DryFriction(0.1 * level, 0.05 * level), normal=10.0)
@@ -201,7 +201,7 @@ def test_what_else_acts_helps_to_hold(
 @pytest.mark.parametrize("options", ENGINES)
 @pytest.mark.parametrize("ground", [(2.0,), (1.0, 1.0)])
 def test_what_acts_is_weighed_in_newtons(ground: tuple[float, ...], options: dict[str, Any]) -> None:
-    """The ground holds 2 N, and 0.6 N help it: less than the 4.7 N of the belt, whatever that pulls as it slips."""
+    """The ground holds 2 N, and 0.6 N help it: less than the level of the belt, 4.7 N; in motion it pulls with 1 N."""
     scene = Scene(
         Body("b0", inertia=1.0),
         Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
@@ -216,7 +216,7 @@ def test_what_acts_is_weighed_in_newtons(ground: tuple[float, ...], options: dic
 
 @pytest.mark.parametrize("options", ENGINES)
 def test_a_belt_that_turns_does_not_take_along_what_the_ground_can_hold(options: dict[str, Any]) -> None:
-    """A belt at 1 - t m/s rubs with 4.7 N; 1.5 N pull against it, from 1 s on the other way: 3.2 N are left."""
+    """A belt at 1 - t m/s rubs with 4.7 N; 1.5 N pull against it before and after 1 s: the ground holds 3.2 N."""
     scene = Scene(
         Body("b0", inertia=1.0),
         Drive("belt", velocity=piecewise_linear([0.0, 2.0], [1.0, -1.0])),

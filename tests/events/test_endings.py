@@ -1,4 +1,4 @@
-"""What ends a motion: which row is at its limit then."""
+"""The end of a motion: which row is at its limit there."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_what_is_beyond_0_by_errors_only_has_not_passed_it(beyond: float, has_pa
     motion, guards, path = ending(0.0, 0.3, -beyond)
     at = at_limit(motion, guards, path, [])
     assert at.touching.tolist() == at.fired.tolist() == [True, False, has_passed]
-    # two are near 0: none is alone there
+    # two rows are near 0: neither is alone there
     assert alone_at_limit(guards, path) is None
 
 
@@ -72,7 +72,7 @@ def test_the_only_row_near_0_is_alone_there_once_it_has_passed_it(beyond: float,
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
 def test_the_contact_that_is_at_its_level_at_the_end_lets_go(options: dict[str, Any]) -> None:
-    """Both hold 3 N. One is loaded with 1 N/s, the other with 2.5 N and 0.01 N/s: that one is nearer before."""
+    """Both hold 3 N. One is loaded with 1 N/s, the other with 2.5 N and 0.01 N/s: at first it is nearer."""
     law = DryFriction(0.3, 0.2)
     scene = Scene(
         Body("a", inertia=1.0),
@@ -113,7 +113,7 @@ WAYS: list[dict[str, Any]] = [{}, {"method": "BDF"}, {"formulation": "merged"}, 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("held", [OneWay("end", "b", GROUND), Stop("end", "b", GROUND, upper=0.0)])
 def test_what_is_loaded_from_0_and_unloaded_stops_nobody_else(held: OneWay | Stop, way: dict[str, Any]) -> None:
-    """A force without a level, 0 where a motion begins and where it ends, is no measure of what is near 0."""
+    """A force without a level that is 0 at the start and at the end of a motion gives no scale for being near 0."""
     scene = Scene(
         Body("b", inertia=2.0),
         Body("m", inertia=1.0),
@@ -189,7 +189,7 @@ def test_a_stop_that_leaves_its_limit_0_and_comes_back_is_the_one_that_is_hit() 
 
 
 def by_roundoff() -> Scene:
-    """A body that an end stop holds swings there by roundoff, and what it does ends motions of the others."""
+    """A body that an end stop holds swings there by roundoff; its guards end motions of the others."""
     push = piecewise_linear([0.37, 1.62, 1.7, 2.69, 3.31], [-9.75, 8.83, -5.53, -9.86, -7.69])
     normal = piecewise_linear([0.34, 0.41, 0.87, 3.47], [9.54, 7.58, 0.0, 2.07])
     return Scene(

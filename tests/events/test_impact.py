@@ -39,15 +39,15 @@ def random_case(rng: np.random.Generator) -> tuple[System, np.ndarray, np.ndarra
     system = System(Scene(*elements))
     u = np.array([float(rng.choice([0.0, rng.normal()]))])
     v = rng.normal(size=n)
-    # before the impact ties hold, and what is locked or closed does not move
+    # before the impact ties hold, and locked clutches and closed stops do not move
     closed = system.is_tie | (system.is_one_way | system.is_stop) & (rng.random(system.m) < 0.3)
     v = system.balance(closed).project(v, u)
     w = system.G @ v + system.D @ u
     sides = np.where(system.is_stop, rng.choice([-1, 1], system.m), 0).astype(np.int8)
-    # what comes to its limit moves towards it
+    # a stop that comes to its limit moves towards it
     moves = system.is_stop & (np.abs(w) > 1e-9)
     sides = np.where(moves, np.sign(w), sides).astype(np.int8)
-    # a clutch that turns forward is none
+    # a one-way clutch cannot turn forward
     wrong = system.is_one_way & (w > 1e-9)
     if wrong.any():
         v = system.balance(closed | wrong).project(v, u)
@@ -76,7 +76,7 @@ def checked(system: System, v: np.ndarray, u: np.ndarray, sides: np.ndarray, hit
     energy = 0.5 * (system.inertia * (found.v**2 - v**2)).sum()
     work = float((system.D.T @ r) @ u)
     assert energy - work <= 1e-10 * size**2 * system.inertia.max()
-    # what goes on at once, and nothing later: Newton's law, complementary
+    # where no free clutch can start a second impact, Newton's law holds, complementary
     free_clutch = system.is_one_way & (before < -1e-9 * size)
     if not free_clutch.any():
         wanted = system.restitution * np.where(hit, np.maximum(turn * before, 0), 0)

@@ -84,7 +84,7 @@ def accelerations(bodies: dict[str, tuple[float, float]], rows: Rows) -> Array:
     root = np.sqrt(mass)
     found = lsq_linear((G / root).T, load / root, bounds=(low, high), method="bvls", tol=1e-15).x
     a = np.asarray((load - G.T @ found) / mass)
-    # the laws: what moves forward carries the upper limit, what moves backward the lower one
+    # the laws: a row that moves forward carries its upper limit, one that moves backward its lower limit
     for force, below, above, w in zip(found, low, high, G @ a, strict=True):
         assert abs(w) < 1e-9 or abs(force - (above if w > 0 else below)) < 1e-9
     return a
@@ -103,7 +103,7 @@ def test_loops_move_as_least_constraint_tells(
 
 
 def test_levels_that_fall_once_they_move_are_found_from_there() -> None:
-    """With higher static levels the same body goes alone, on the Coulomb level of its contact: 7 - 3 N on 1 kg."""
+    """With higher static levels b7 alone moves, against the Coulomb level of its contact: 7 - 3 N on 1 kg."""
     result = simulate(scene(OF_NETWORK, NETWORK, static=1.1), (0.0, 1e-3))
     moving = [row[0] for row in NETWORK if result.mode(row[0])[-1] != 0]
     assert moving == ["c21"]

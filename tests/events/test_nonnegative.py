@@ -20,7 +20,7 @@ def test_random_problems() -> None:
         n, m = rng.integers(1, 9, 2)
         matrix = rng.normal(size=(n, m))
         if rng.random() < 0.5:
-            # of low rank, columns that return, corners where many meet
+            # of low rank, with repeated columns, and corners where many constraints meet
             matrix = matrix.round()
             matrix[:, rng.integers(m)] = matrix[:, 0]
         check(matrix, rng.normal(size=n) if rng.random() < 0.5 else matrix @ rng.integers(0, 2, m))

@@ -129,7 +129,7 @@ def test_where_nothing_else_happens_no_root_is_looked_for() -> None:
     ids=["opens", "opens and closes"],
 )
 def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(normal: Signal, formulation: str) -> None:
-    # the springs hold each other within a stuck group: what is left of their sum is roundoff
+    # the springs hold each other within a stuck group: the sum of their forces is roundoff
     law, stiffness = DryFriction(0.9, 0.5), 26.1
     scene = Scene(
         Body("hub", inertia=3.0, position=-0.157),
@@ -162,7 +162,7 @@ def test_it_starts_to_move_when_the_load_starts_to_rise(formulation: str) -> Non
 
 
 def test_it_has_rested_since_it_came_to_rest_whatever_others_do() -> None:
-    """A brake that rests from the start has its full static level when it closes, though another contact let go."""
+    """A brake at rest from the start has dwelt since then when it closes, though another contact let go."""
     dwelling = DryFriction(0.3, 0.2, dwell=0.5)
     scene = Scene(
         Body("held", inertia=1.0),
@@ -194,7 +194,7 @@ def test_it_moves_with_a_contact_that_lets_go_without_a_jump(formulation: str) -
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_it_moves_with_a_body_that_a_spring_pulls_along(formulation: str) -> None:
-    """q is at rest with all its rates up to the second: the third decides."""
+    """When the floor lets go, the velocity of q and its first two rates are 0: the third decides."""
     scene = Scene(
         Body("p", inertia=1.0),
         Body("q", inertia=1.0),
@@ -212,7 +212,7 @@ def test_it_moves_with_a_body_that_a_spring_pulls_along(formulation: str) -> Non
 @pytest.mark.parametrize("law", [DryFriction(0.0, 0.0), DRY])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_velocity_that_dies_away_keeps_its_mode(law: DryFriction, sign: float) -> None:
-    """v = exp(-20 t) never comes to 0, whatever others do meanwhile and wherever one looks."""
+    """v = exp(-20 t) never comes to 0, whatever others do meanwhile and at whichever times it is read."""
     bodies = [
         Body("a", inertia=1.0, velocity=sign),
         Damper("a", GROUND, damping=20.0),
@@ -237,7 +237,7 @@ def test_a_velocity_that_dies_away_keeps_its_mode(law: DryFriction, sign: float)
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_it_rests_with_a_body_that_is_held(formulation: str) -> None:
-    """The floor holds its body from 0.5 s to 2.375 s: there the open contact is at rest too."""
+    """The floor holds its body from 0.5 s to 2.375 s: meanwhile the frictionless contact is at rest too."""
     scene = Scene(
         Body("b", inertia=1.0, velocity=1.0),
         Contact("floor", "b", GROUND, DRY, normal=10.0),
@@ -305,7 +305,7 @@ def test_it_stops_and_goes_on_with_the_drive_that_its_body_is_held_to(held: list
 @pytest.mark.parametrize("method", ["series", "BDF"])
 @pytest.mark.parametrize("time", [1e-9, 1.0, 1e10])
 def test_it_moves_whatever_the_unit_of_time(time: float, method: str) -> None:
-    """1 m in that time, from rest: the force is 2 m 1 kg / time^2."""
+    """From rest 1 kg goes 1 m in this time: the force is 2 (1 m) (1 kg) / time^2."""
     scene = Scene(
         Body("b", inertia=1.0),
         Contact("open", "b", GROUND, DRY, normal=0.0),
@@ -319,7 +319,7 @@ def test_it_moves_whatever_the_unit_of_time(time: float, method: str) -> None:
 def test_a_normal_force_that_dies_away_just_before_its_load_ends(options: dict[str, Any]) -> None:
     """A contact lets go as N = 16355 (3.66 - t) + 26.9 v comes to 44.5 x / 0.294, and opens 4e-14 s before 3.66 s.
 
-    Whether it is open in between is roundoff of the time. The block swings from there on: half a period of
+    Roundoff of the time decides whether it is open in between. Then the block swings for half a period of
     ``0.5 x'' + 0.2 x' + 44.5 x = 0``.
     """
     stretched = 6.92624817e-06
@@ -345,7 +345,7 @@ def test_a_normal_force_that_dies_away_just_before_its_load_ends(options: dict[s
 def test_what_relaxes_takes_the_open_contact_with_it_that_joins_it_to_a_body_at_rest(
     options: dict[str, Any],
 ) -> None:
-    """v = exp(-20 t) until that is the margin of 1e-5: then both bodies are held, and the open contact rests."""
+    """v = exp(-20 t) falls to the margin of 1e-5: then both bodies are held, and the open contact rests."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Damper("a", GROUND, damping=20.0),
@@ -366,7 +366,7 @@ def test_what_relaxes_takes_the_open_contact_with_it_that_joins_it_to_a_body_at_
 def test_a_sample_opens_a_contact_in_the_instant_in_which_its_body_comes_to_rest(
     options: dict[str, Any],
 ) -> None:
-    """N is 10 N and 0 in turn: the body gains 0.1 m/s under 1 N, and loses it under 1 - 0.2 10 N, to roundoff."""
+    """N is 10 N and 0 in turn: the body gains 0.1 m/s under 1 N, and loses it, to roundoff, under 1 - 0.2 10 N."""
     valve = Sampled(
         "valve",
         period=0.1,
@@ -384,7 +384,7 @@ def test_a_sample_opens_a_contact_in_the_instant_in_which_its_body_comes_to_rest
     )
     result = simulate(scene, (0.0, 1.0), **options)
     assert told(result) == [("c", 0, 1)]
-    # nine of the ten times it goes 0.005 m
+    # it goes 0.005 m in each of the nine periods after the first
     assert result.position("b")[-1] == pytest.approx(9 * 0.005, abs=1e-9)
 
 
@@ -421,7 +421,7 @@ def test_it_comes_to_rest_with_a_drive_that_stops(velocity: float, stop: float, 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("after", [0.0, -0.5])
 def test_it_comes_to_rest_where_its_force_ends(after: float, formulation: str) -> None:
-    """v = 1 - t up to 1 s; from there on no force leaves it at rest, and another one drives it on."""
+    """v = 1 - t up to 1 s; from there on it rests without force, and -0.5 N drive it back."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Force("a", piecewise_linear([1.0, 1.0], [-1.0, after])),
@@ -477,7 +477,7 @@ def test_a_contact_that_creeps_as_it_opens_shows_where_it_moves(options: dict[st
 
 
 def test_with_loose_tolerances_a_slow_crossing_is_one() -> None:
-    """A random scene: taken for a velocity that dies away, it makes modes flip without progress at 0.39 s."""
+    """A random scene: if its crossing at 0.39 s is taken for a velocity that dies away, modes flip without progress."""
     data = FAMILIES["everything"][0](14)
     scene, span = scene_of(data, 14), (0.0, data["t_end"])
     t = np.linspace(*span, 101)
@@ -490,7 +490,7 @@ def test_with_loose_tolerances_a_slow_crossing_is_one() -> None:
 def test_a_contact_that_a_velocity_presses_from_0_on_closes_while_it_slides(method: str) -> None:
     """A cam swings as ``v = -sin t``; from t = pi on it presses a block of 5 m/s, ``v = 5 - mu (1 + cos t)``.
 
-    What presses is 0 at the start, and again where it begins to press: its size is what it was between.
+    This velocity is 0 at the start and where it begins to press: its scale is its size in between.
     """
     scene = Scene(
         Body("cam", inertia=1.0, position=1.0),
@@ -509,7 +509,7 @@ def test_a_contact_that_a_velocity_presses_from_0_on_closes_while_it_slides(meth
 @pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"method": "RK4", "step": 1e-4}])
 @pytest.mark.parametrize("law", [Dahl(DryFriction(0.2, 0.2), 1e3), LuGre(DryFriction(0.2, 0.2), 1e3)])
 def test_bristles_that_nothing_presses_are_straight(law: Any, options: dict[str, Any]) -> None:
-    """``z' = w - sigma_0 |w| z / (mu N)`` has z -> 0 as N -> 0: what closes again starts without deflection.
+    """``z' = w - sigma_0 |w| z / (mu N)`` has z -> 0 as N -> 0: closed again, it starts without deflection.
 
     Pressed with 10 N until 0.3 s and from 1 s on; meanwhile a force of -6 N turns the block round.
     """
@@ -537,7 +537,7 @@ def test_bristles_that_nothing_presses_are_straight(law: Any, options: dict[str,
 @pytest.mark.parametrize("peak", [2.0, 5.0])
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_pulse_of_which_nothing_is_seen_at_the_start_moves_it_from_there_on(peak: float, beside: bool) -> None:
-    """A Gaussian of 3 N and 0.5 s pushes 1 kg: v grows from the start to 0.75 sqrt(pi) at its peak."""
+    """``3 exp(-((t - peak) / 0.5)^2)`` N push 1 kg: v grows from the start to 3 0.5 sqrt(pi) / 2 at the peak."""
     pulse = signal(lambda t: 3.0 * math.exp(-(((t - peak) / 0.5) ** 2)))
     scene = Scene(
         Body("b", inertia=1.0),
@@ -553,7 +553,7 @@ def test_a_pulse_of_which_nothing_is_seen_at_the_start_moves_it_from_there_on(pe
 
 
 def test_a_loaded_body_that_rings_down_shows_how_it_moves() -> None:
-    """On a spring and a damper ``v = exp(-sigma t) (a cos(omega t) + b sin(omega t))``: 4e-8 of that is left at 4 s."""
+    """``v = exp(-sigma t) (a cos(omega t) + b sin(omega t))``: in 4 s the amplitude falls to 4e-8 of its start."""
     scene = Scene(
         Body("drum", inertia=1.6, velocity=9.46),
         Spring("drum", GROUND, stiffness=11616.0, damping=13.552),
@@ -609,7 +609,7 @@ def test_a_drive_that_jumps_as_an_open_contact_comes_to_rest(holder: str, normal
 def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(
     speed: float, loads: tuple[float, ...], by_parts: bool
 ) -> None:
-    """A belt jumps to the speed of a block; pressed from 2 s on, the contact has rested for 1 s."""
+    """A belt jumps to the speed of a block at 1 s; pressed from 2 s on, the contact has rested for 1 s by then."""
     scene = Scene(
         Body("b", inertia=1.0, velocity=speed),
         Drive("belt", velocity=step(1.0, speed - 0.5, speed)),
@@ -624,7 +624,7 @@ def test_an_open_contact_whose_velocity_jumps_to_0_is_stuck(
 @pytest.mark.parametrize("by_parts", [False, True])
 @pytest.mark.parametrize("start", [0.0, 1.0])
 def test_what_roundoff_pushes_beside_an_open_contact_is_seen_to_move(start: float, by_parts: bool) -> None:
-    """Opened at 1 s, it rests while ``0.1 + 0.2 - 0.3`` (5.6e-17) N push it, and moves as 1 N more does from 2 s on."""
+    """Open from 1 s on, it rests under ``0.1 + 0.2 - 0.3`` (5.6e-17) N, and moves when 1 N more pushes, from 2 s on."""
     normal = piecewise_linear([0.0, 0.5, 1.0], [10.0, 10.0, 0.0])
     scene = Scene(
         Body("b", inertia=1.0, velocity=start),
@@ -644,7 +644,7 @@ def test_what_roundoff_pushes_beside_an_open_contact_is_seen_to_move(start: floa
 def test_a_contact_that_opens_in_the_instant_in_which_it_comes_to_rest(
     stop: float, after: float, by_parts: bool
 ) -> None:
-    """A block of 1 m/s is stopped by 1 / T N, which end then: at rest from T on, its level is whole again at 3.5 s."""
+    """Friction of 1 / T N stops a block of 1 m/s and ends then, at T; its level has risen again at 3.5 s."""
     scene = Scene(
         Body("b", inertia=1.0, velocity=1.0),
         Contact(
@@ -662,7 +662,7 @@ def test_a_contact_that_opens_in_the_instant_in_which_it_comes_to_rest(
 
 
 def test_an_open_contact_at_rest_at_the_start_has_rested() -> None:
-    """Pressed from 1 s on, it has rested for 3 s; what it rests in a run counts as what is given at its start."""
+    """Pressed from 1 s on, it has rested for 3 s then: the rest before the start and the rest in the run add up."""
     scene = Scene(
         Body("b", inertia=1.0),
         Contact("c", "b", GROUND, DryFriction(2.0, 1.0, dwell=1.0), normal=step(1.0, -1.0, 1.0), rested=2.0),

@@ -21,7 +21,7 @@ def test_a_ramp_that_ends_at_the_level_makes_no_event(way: dict[str, str]) -> No
 
 @pytest.mark.parametrize("short", np.geomspace(1e-8, 1e-5, 40).tolist())
 def test_a_velocity_that_touches_0_with_nearly_its_level(short: float) -> None:
-    """It is held by a little less than its level, which the load passes at once: it goes on, or holds on."""
+    """The force to hold it is less than its level by the part `short`: it slips on, or sticks if that is enough."""
     load = piecewise_linear([0.0, 1.0], [0.1 * (1 - short), 1.1])
     scene = Scene(
         Body("b", inertia=1.0), Contact("c", "b", GROUND, DryFriction(0.1, 0.1), normal=1.0), Force("b", load)

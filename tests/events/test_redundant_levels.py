@@ -115,7 +115,7 @@ def test_each_side_has_its_level(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_brake_that_opens_hands_its_share_over(formulation: str) -> None:
-    """2.5 N: the pad holds 3 N alone; the brake carries half where it can, else its level, down to nothing."""
+    """Of 2.5 N the weak one carries half where it can, else its level, down to 0; the strong one holds up to 3 N."""
     brake = piecewise_linear([0, 1, 2], [10, 0, 0])
     result = simulate(pair(2.5, weak=brake), (0.0, 2.0), t_eval=[0.2, 0.5, 0.7, 0.9, 1.5], formulation=formulation)
     assert not [e for e in result.events if e.contact == "strong"]
@@ -140,7 +140,7 @@ def network(number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str],
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("number", range(20))
 def test_networks_under_a_ramp(number: int, formulation: str) -> None:
-    """Against bounded least squares: the forces, and when there are none within limits any more."""
+    """Against bounded least squares: the forces, and the time from which no forces within all limits exist."""
     inertia, levels, push, names, ends = network(number)
     rows = np.zeros((len(ends), len(names)))
     for k, (a, b) in enumerate(ends):
@@ -148,7 +148,7 @@ def test_networks_under_a_ramp(number: int, formulation: str) -> None:
         if b >= 0:
             rows[k, b] -= 1.0
 
-    # all bodies hang on the ground, at the last through each other: G' lambda = s push while all are held
+    # all bodies are joined to the ground, some through others: G' lambda = s push while all are held
     def forces(s: float) -> np.ndarray | None:
         # a small weight on the norm leaves the balance exact to 1e-9
         weight = 1e-5
@@ -187,7 +187,7 @@ def test_networks_under_a_ramp(number: int, formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_through_a_spring(formulation: str) -> None:
-    """A spring drawn at 0.1 m/s with 20 N/m loads both: they let go at 3.6 N, after 1.8 s."""
+    """A sine of 1 N moves a hand of 1 kg; through a spring of 20 N/m it loads both with 20 x, below 3.6 N."""
     scene = Scene(
         Body("b", inertia=1.0),
         Body("hand", inertia=1.0),
@@ -226,7 +226,7 @@ def test_they_close_together_and_let_go_together(formulation: str, tiny: float) 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_two_freewheels_hold_one_way_each(formulation: str) -> None:
-    """One holds 8 N forward, the other 12 N backward: under a sine of 7 N each carries what points its way."""
+    """One holds 8 N forward, the other 12 N backward: under a sine of 7 N each carries the load in its direction."""
     forward = DryFriction(0.4, 0.3, mu_static_backward=0.0, mu_coulomb_backward=0.0)
     scene = Scene(
         Body("b", inertia=1.0),
@@ -243,10 +243,10 @@ def test_two_freewheels_hold_one_way_each(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_rows_in_a_ring_that_come_to_their_levels_together(formulation: str) -> None:
-    """The one whose level falls carries it, and the other is within its own again; nothing moves.
+    """The row whose level falls carries this level, and the other is below its own again; nothing moves.
 
     Of 8 N on a body, least norm gives 16/3 N to its floor and 8/3 N to its neighbour, whose floor carries the same.
-    The joint carries 2 N at most. The neighbour's floor lets 6 N go to 0 N in 6 s, and is below 2 N from 4 s on.
+    The joint carries 2 N at most. The level of the neighbour's floor falls from 6 N to 0 N in 6 s, below 2 N at 4 s.
     """
     law = DryFriction(1.0, 0.8)
     fading = piecewise_linear([0, 6], [6, 0])
@@ -333,7 +333,7 @@ def test_what_others_bring_to_rest_is_at_rest(method: str, velocity: float) -> N
 def test_a_share_at_its_level_holds_nothing_when_a_drive_moves_off(force: float, method: Any, formulation: Any) -> None:
     """A belt of level 8 N and the ground of 0.5 N hold a block; at 1 s the belt moves off with 1 m/s^2.
 
-    The belt is the stronger one: the ground, which had carried its level of the 3 N, slides with 0.5 N.
+    The belt is the stronger one: the ground, which carried its level of 0.5 N before, slides with 0.5 N.
     """
     scene = Scene(
         Body("b", inertia=1.0),
@@ -361,7 +361,7 @@ def test_a_freewheel_that_carries_nothing_stops_a_block_all_the_same() -> None:
     result = simulate(scene, (0.0, 4.0))
     assert told(result) == [("on belt", 0, -1)] and result.events[0].t == 1.0
     assert not result.velocity("b").any()
-    # it carries 4 N of the belt less 1 N
+    # the freewheel carries the 4 N of the belt less 1 N
     assert result.force("free")[-1] == pytest.approx(3.0, abs=1e-14)
 
 
@@ -371,7 +371,7 @@ FORCE_OF_BODY = sine(4.0, 2.0, 2.0)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("turn", [1.0, -1.0, 7.0], ids=["alike", "mirrored", "faster"])
 def test_drives_in_proportion_tear_nothing(turn: float, formulation: str) -> None:
-    """Half of ``F = m u' - f`` each while that is within 4 N, else 4 N and the rest: as if both were one drive."""
+    """Of ``F = f - m u'`` each carries half up to 4 N; beyond, the weak one 4 N and the strong one the rest."""
     scene = Scene(
         Body("b", inertia=1.0),
         Drive("one", velocity=sine(1.0, 1.0)),
@@ -488,9 +488,9 @@ def test_a_drive_that_moves_as_the_sum_of_two_tears_nothing(far: float, options:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_of_two_backstops_only_one_spares_the_other(formulation: str) -> None:
-    """A shaft and its gear mate have a backstop each; what it drives by a freewheel is pulled on for 1 s, then back.
+    """A shaft and its gear mate have a backstop each; a body behind a freewheel is pulled forward for 1 s, then back.
 
-    It runs ahead, ``v = 2 t`` and ``x = 1`` at 1 s, and comes back to rest at 2 s where ``x = 2``.
+    The body runs ahead, ``v = 2 t`` and ``x = 1`` at 1 s, and comes back to rest at 2 s where ``x = 2``.
     """
     load = piecewise_linear([0, 1, 1, 5], [2.0, 2.0, -2.0, -2.0])
     for r_a, r_b, ratio in itertools.product((1.0, 0.3, 0.08), (1.0, 0.3, 0.12), (2.0, -2.5, 3.3)):
@@ -513,7 +513,7 @@ def test_of_two_backstops_only_one_spares_the_other(formulation: str) -> None:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_gear_pair_held_by_freewheels_stays(formulation: str) -> None:
-    """A clutch that begins to be pressed changes nothing of what two freewheels and a tie hold at rest."""
+    """Two freewheels and a tie hold all bodies at rest, whenever a clutch begins to be pressed."""
     for normal in (5.0, piecewise_linear([0.66, 3.2], [0.0, 5.5]), piecewise_linear([0.0, 3.2], [2.0, 5.5])):
         scene = Scene(
             Body("a", inertia=1.8),

@@ -1,4 +1,4 @@
-"""What has just left rest without a slope has not relaxed to it, though the first points of a solver are roundoff."""
+"""A velocity that has just left 0 with slope 0 has not relaxed to it, though a solver's first points are roundoff."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ROUND = list(itertools.product((1e2, 1e3, 1e4), (1e-3, 1e-4), (1.0, 10.0), (1e-3
 
 
 def belt(stiffness: float, v: float, normal: float, stribeck: float, inertia: float = 1.0) -> Scene:
-    """A block on a belt with Stribeck's curve: at breakaway friction is what held it, and grows with the square."""
+    """A block on a belt with Stribeck's curve: friction does not jump at breakaway; it falls with the speed squared."""
     law = DryFriction(0.5, 0.3, stribeck_velocity=stribeck)
     return Scene(
         Body("m", inertia=inertia),
@@ -26,11 +26,11 @@ def belt(stiffness: float, v: float, normal: float, stribeck: float, inertia: fl
 def test_a_stribeck_curve_lets_go_once_at_tight_tolerances(
     stiffness: float, v: float, normal: float, stribeck: float
 ) -> None:
-    """It starts to slide at v, and lets go as the spring pulls with ``mu_s N``: at ``mu_s N / (k v)``."""
+    """The belt drags it along from rest; it lets go as the spring pulls with ``mu_s N``: at ``mu_s N / (k v)``."""
     scene, breakaway = belt(stiffness, v, normal, stribeck), 0.5 * normal / (stiffness * v)
     found = simulate(scene, (0.0, 1.1 * breakaway), rtol=1e-11, atol=1e-13)
     first = next(e for e in found.events if e.cause == "breakaway")
-    # it is dragged along from rest first, so that the spring is a little behind
+    # until it moves with the belt, the block, and so the stretch of the spring, falls a little behind
     caught = [e.t for e in found.events if e.t < first.t]
     assert len(caught) == 1
     behind = v * caught[0] - found.sample([caught[0]]).position("m")[0]

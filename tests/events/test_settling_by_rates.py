@@ -1,4 +1,4 @@
-"""What decides where forces and levels are 0: the rates to come, each side of an anisotropic law on its own."""
+"""Where forces and levels are 0, their rates decide; each side of an anisotropic law on its own."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def stepped(amplitude: float, frequency: float, phase: float, stop: float) -> fl
     v = 0.0
     for push in (h * amplitude * np.sin(2 * np.pi * frequency * t + phase)).tolist():
         ahead = v + push
-        # it may run ahead freely; backwards it holds 6 N and slips at 5 N
+        # the body runs forward freely; backward the contact holds 6 N and slips at 5 N
         if ahead >= 0:
             v = ahead
         elif v >= 0 and ahead > -6.0 * h:
@@ -158,7 +158,7 @@ def test_freewheels_under_random_sines(number: int) -> None:
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("velocity", [5.0, 9.0, 10.0, 12.0])
 def test_friction_one_way_only(velocity: float, formulation: str) -> None:
-    """Coefficients 1 forward and 0 backward, 10 N, load 50 sin 2 pi t on 1 kg: by a projection, 1e-4 s a step."""
+    """Coefficients 1 forward and 0 backward, 10 N, load 50 sin 2 pi t on 1 kg: against steps of 1e-4 s."""
     law = DryFriction(1.0, 1.0, mu_static_backward=0.0, mu_coulomb_backward=0.0)
     scene = Scene(
         Body("b", inertia=1.0, velocity=velocity),
@@ -175,7 +175,7 @@ def test_friction_one_way_only(velocity: float, formulation: str) -> None:
     assert result.velocity("b").tolist() == pytest.approx([*wanted, v], abs=5e-3)
 
 
-# What has friction in motion is no frictionless contact
+# A contact with friction in motion only is not frictionless
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

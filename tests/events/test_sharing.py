@@ -61,7 +61,7 @@ def test_one_body_on_two_contacts() -> None:
     found = shared([(0, -1), (0, -1)], np.array([10.0, 1.0]), np.array([3.0]))
     assert found is not None and found.holds
     assert (found.rows.tolist(), found.side.tolist()) == ([1], [1.0])
-    # 1.5 N are less than both levels together, and 12 N more
+    # of 1.5 N each carries half, below both levels; 12 N are more than both levels together
     found = shared([(0, -1), (0, -1)], np.array([10.0, 1.0]), np.array([1.5]))
     assert found is not None and found.holds and not found.rows.size
     found = shared([(0, -1), (0, -1)], np.array([10.0, 1.0]), np.array([-12.0]))

@@ -1,4 +1,4 @@
-"""A light body on a stiff damper: what adds up in its force is large, and breakaway is told all the same."""
+"""A light body on a stiff damper: the terms of its force are large, and breakaway is found all the same."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LAW = DryFriction(0.35, 0.2)
 
 
 def scene(rate: float) -> Scene:
-    """A block on a belt; the light body's velocity comes to that of the block with `rate` in 1/s."""
+    """A block on a belt; the light body's velocity approaches the block's with `rate` in 1/s."""
     return Scene(
         Drive("belt", velocity=0.3),
         Body("block", inertia=1.0, velocity=0.3, position=0.5),
@@ -61,7 +61,7 @@ def test_a_stiff_damper_is_nearly_a_rigid_joint(rate: float) -> None:
 def test_the_level_has_hardly_risen_beside_large_forces_that_cancel(options: dict[str, Any]) -> None:
     """At 10 m a spring of 1000 N/m is not stretched. The load is t, the level 0.2 - 0.1 exp(-t / 100).
 
-    They meet at 0.1001 s. The block goes with 1e-4 m/s² from there, which its damper takes away at once: v'' < 0.
+    They meet at 0.1001 s. From there the block moves off with 1e-4 m/s², which the damper soon cancels: v'' < 0.
     """
     far = Scene(
         Body("b", inertia=1.0, position=10.0),

@@ -145,7 +145,7 @@ def test_unloading_breaks_a_stuck_contact_loose() -> None:
 
 
 def test_dwell_starts_anew_at_coulomb_level() -> None:
-    """On coming to rest under 2.2 N: mu_c N = 2 holds not, though mu_s N = 3 would."""
+    """As a block comes to rest its level is mu_c N = 2 N, not yet mu_s N = 3 N: it holds 1.8 N, but not 2.2 N."""
     for load, after in ((2.2, -1), (1.8, 0)):
         law = DryFriction(0.3, 0.2, dwell=0.5)
         result = simulate(block(-load, 10.0, law, velocity=1.0), (0.0, 1.0))
@@ -164,7 +164,7 @@ def test_dwell_counts_from_the_rest_before_the_start() -> None:
 
 @pytest.mark.parametrize("dwell", [1e-12, 1e-9, 1e9, 1e12])
 def test_dwell_times_beyond_all_scales(dwell: float) -> None:
-    """At once: released at mu_s N; never: at mu_c N."""
+    """The load is 3 t N. With a short dwell the level is mu_s N = 5 N at once; with a long one it stays at 3 N."""
     load = piecewise_linear([0, 2], [0, 6])
     (event,) = simulate(block(load, 10.0, DryFriction(0.5, 0.3, dwell=dwell)), (0.0, 2.0)).events
     assert 3 * event.t == pytest.approx(5 if dwell < 1 else 3, rel=1e-6)
@@ -203,7 +203,7 @@ def test_normal_force_through_zero_while_stuck_without_a_load() -> None:
 
 
 def test_normal_force_through_zero_while_stuck_with_a_load() -> None:
-    """1 N: released at N = 2, sliding through the gap, caught again by friction of 2 N."""
+    """A load of 1 N: released at N = 2, sliding while the contact is open, caught again by friction of 2 N."""
     normal = piecewise_linear([0, 1, 2, 3, 4], [5, 0, -5, 0, 5])
     result = simulate(block(1.0, normal), (0.0, 8.0))
     assert told(result)[0] == ("c", 0, 1) and times(result)[0] == pytest.approx(0.6, abs=1e-12)
@@ -256,7 +256,7 @@ def test_an_open_contact_is_named_after_the_motion_to_come() -> None:
     result = simulate(block(piecewise_linear([0, 1, 2], [1, -1, -1]), -1.0), (0.0, 3.5))
     assert result.mode("c")[0] == 1
     assert [(e.cause, int(e.before), int(e.after)) for e in result.events] == [("open", 1, -1)]
-    # v = t - t^2 until 1 s, then 1 s later 0 - (t - 1)
+    # v = t - t^2 until 1 s, and -(t - 1) from there on
     assert times(result) == near(1.0, abs=1e-6)
     assert np.all(result.force("c") == 0)
     still = simulate(block(0.0, -1.0), (0.0, 1.0))
@@ -293,7 +293,7 @@ def test_drive_that_accelerates_too_fast_leaves_the_body_behind() -> None:
 
 
 def test_body_slipping_on_a_sine_drive() -> None:
-    """Not a state but the drive's velocity meets the body's, which is linear in time: 2 t = sin(2 pi 0.7 t)."""
+    """The drive's velocity, which is no state, meets the body's, 2 t: 2 t = sin(2 pi 0.7 t)."""
     result = simulate(on_drive(sine(1.0, 0.7)), (0.0, 0.6))
     caught, released = times(result)
     assert told(result) == [("c", -1, 0), ("c", 0, 1)]
@@ -606,7 +606,7 @@ def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(met
 def test_a_drive_that_comes_to_rest_with_a_corner_shakes_nothing_loose() -> None:
     """Before the break of 3.85 s the belt still has a velocity of 1e-16 m/s: roundoff, and no jump.
 
-    The block on the belt has rested for so long that it holds 4 times its normal force; after a slip it would be 2.
+    The contact with the belt has rested for so long that its level is 4 times the normal force; after a slip it is 2.
     """
     corner = 3.8500000000000005
     scene = Scene(
@@ -647,7 +647,7 @@ def test_a_drive_that_comes_to_rest_with_a_corner_shakes_nothing_loose() -> None
 def test_breaks_that_differ_by_roundoff_are_one() -> None:
     """The belt comes to rest at 3 s, where a normal force of ``sin(pi t / 2 + pi / 2)`` N passes 0, at 3 - 4e-16 s.
 
-    A freewheel stops the block there: nothing slips on the way from the one to the other.
+    A freewheel stops the block there: nothing slips between the two times.
     """
     scene = Scene(
         Body("b0", inertia=1.0, velocity=1.28),
@@ -668,7 +668,7 @@ def test_breaks_that_differ_by_roundoff_are_one() -> None:
 
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
 def test_a_geared_wheel_leaves_its_end_stop_as_its_brake_slips(method: str) -> None:
-    """The gear tells the wheel's velocity from those of others: what is left of it at the stop is their roundoff."""
+    """The wheel's velocity follows from those of the other members of the gear: at the stop it is their roundoff."""
     scene = Scene(
         Body("a", inertia=0.86),
         Body("b", inertia=0.65),

@@ -26,7 +26,7 @@ from stickslip import (
 
 
 def servo(**options: Any) -> Scene:
-    """A mass with stiction that is to come to 1 m."""
+    """A mass with static friction that a controller moves to 1 m."""
     controller = pid("pid", 1 - position("m"), kp=3.0, ki=4.0, kd=6.0, rate=-1 * velocity("m"), **options)
     rub = Contact("rub", "m", GROUND, DryFriction(1.5, 1.0), normal=1.0)
     return Scene(Body("m", inertia=1.0), rub, controller, Force("m", output("pid")))

@@ -206,7 +206,7 @@ def test_rest_before_the_start_counts_for_the_dwell(rested: float) -> None:
 
 
 def test_memory_the_peak_exists_only_on_breaking_away() -> None:
-    """Off at 5 N, then 2 N whether it gains or loses speed; stuck again, off again at 5 N."""
+    """It breaks away at 5 N, then feels 2 N whether it gains or loses speed; stuck again, it breaks away at 5 N."""
     load = piecewise_linear([0.0, 5.0, 6.0, 6.0, 10.0, 16.0], [0.0, 6.0, 6.0, 0.0, 0.0, 7.2])
     result = simulate(slider(DryFriction(0.5, 0.2), Force("a", load)), (0.0, 16.0), **TIGHT)
     assert [mode[1:] for mode in told(result)] == [(0, 1), (1, 0), (0, 1)]
@@ -257,7 +257,7 @@ def test_lugre_slides_steadily_on_its_curve(speed: float) -> None:
 
 
 def dahl(load: Any) -> Scene:
-    """A light, heavily damped body: the load is the friction force but for what the damper takes."""
+    """A body of 2 kg on the ground, with a Dahl contact of 50 N/m that slides at ``mu_c N`` = 2 N."""
     return slider(Dahl(DryFriction(0.4, 0.2), stiffness=50.0), Force("a", load))
 
 

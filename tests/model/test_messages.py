@@ -71,7 +71,7 @@ def test_all_constructors_are_looked_at() -> None:
         for name in stickslip.__all__
         if isinstance(thing := getattr(stickslip, name), type) and not issubclass(thing, (BaseException, int))
     }
-    # what users do not make, or make from other arguments
+    # leave out classes that users do not make, or make from other arguments
     made = classes - {
         "Branch",
         "Cycle",

@@ -83,7 +83,7 @@ def test_a_scene_with_one_thing_too_many(scene: dict[str, Any], data: st.DataObj
 
 
 def test_no_code_runs(tmp_path: Path) -> None:
-    """Code in every place of every scene, one after another: it would leave a file behind."""
+    """Each place of each scene holds code in turn; if it ran, it would make a file."""
     mark = tmp_path / "ran"
     code = f"__import__('pathlib').Path({str(mark)!r}).touch()"
     for scene in SCENES:

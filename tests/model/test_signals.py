@@ -369,12 +369,12 @@ def test_the_zero_times_of_an_offset_sine() -> None:
 
 
 def test_short_dips_below_zero_are_seen() -> None:
-    # the dip takes 9e-4 of a period, a sixteenth of a period is looked at
+    # the dip takes 9e-4 of a period, and the search samples 16 times a period
     depth = 4e-6
     cut = sine(1.0, 1.0, offset=1.0 - depth).clipped(0.0, 100.0)
     half = math.acos(1 - depth) / (2 * math.pi)
     exact = sorted(k + 0.75 + s * half for k in range(100) for s in (-1, 1))
-    # the height of a shallow dip is 4e-6 of the values, so its ends are known that much less well
+    # the depth of the dip is 4e-6 of the values, so roundoff moves its ends more
     assert cut.breaks(0, 100) == pytest.approx(exact, abs=1e-13)
     assert cut(0.75) == 0.0
     assert cut(0.7) > 0.0

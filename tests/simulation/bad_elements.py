@@ -1,4 +1,4 @@
-"""Bad signals, laws and elements: what each must be refused with."""
+"""Bad signals, laws and elements, and the words that each refusal must hold."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Case = tuple[Callable[[], Any], type[Exception], list[str]]
 
 
 class Glue(Law):
-    """A law that nothing knows how to solve."""
+    """A law that no engine can solve."""
 
 
 def divides(speed: float) -> float:
@@ -49,12 +49,12 @@ def divides(speed: float) -> float:
 
 
 def contact(**changes: Any) -> Contact:
-    """Return a contact, but for the changes a good one."""
+    """Return a good contact with these changes."""
     return Contact(**({"name": "c", "a": "a", "b": "b", "law": DRY, "normal": 1.0} | changes))
 
 
 def spring(**changes: Any) -> Spring:
-    """Return a spring, but for the changes a good one."""
+    """Return a good spring with these changes."""
     return Spring(**({"a": "a", "b": "b", "stiffness": 1.0} | changes))
 
 

@@ -1,4 +1,4 @@
-"""Bad scenes, scene files and arguments of `simulate`: what each must be refused with."""
+"""Bad scenes, scene files and arguments of `simulate`, and the words that each refusal must hold."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def test_misspelt_entries_of_a_file_are_named(row: dict[str, Any], words: list[s
         assert leak not in str(raised.value)
 
 
-# what can be found out only on the way
+# faults that only a run can find
 
 
 def late(value: Any) -> Callable[[float], Any]:

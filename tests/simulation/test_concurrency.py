@@ -43,7 +43,7 @@ def test_pools_change_no_bit(kind: str, make: partial[Executor]) -> None:
 
 @pytest.mark.slow
 def test_one_scene_in_many_threads() -> None:
-    """All share the compiled scene and its mode sets."""
+    """All threads share the compiled scene and the equations of its modes."""
     case = reference("two-blocks")
     alone = run(case.scene, case.stop)
     with ThreadPoolExecutor(8) as pool:

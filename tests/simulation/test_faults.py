@@ -1,4 +1,4 @@
-"""What goes wrong while a simulation runs ends in one kind of error, with what was computed so far."""
+"""Failures while a simulation runs end in one kind of error, which holds the result so far."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def an_array_after(t: float) -> float:
 def test_a_load_that_fails_half_way(
     force: Callable[[float], float], sentence: str, formulation: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # the natural scales are read off the loads before anything runs: let them see the good part only
+    # before a run the loads are sampled for their scales: replace this, so that the fault is met in the run only
     monkeypatch.setattr("stickslip.simulation.tolerances.largest_value", lambda *_: 1.0)
     with pytest.raises(SimulationError, match=sentence) as caught:
         simulate(oscillator(force), (0.0, 10.0), formulation=formulation)
@@ -91,7 +91,7 @@ def test_a_load_that_is_bad_from_the_start_is_refused_before_anything_runs() -> 
 
 @pytest.mark.slow
 def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
-    """A load out of all proportion to the tolerance: CVODE's step becomes NaN, which it would take for ever."""
+    """A load out of all proportion to the tolerance: CVODE's step becomes NaN, and it would step for ever."""
     rough = signal(lambda t: 1e12 * math.copysign(1.0, math.sin(1e9 * t * t)), period=1.0)
     scene = Scene(Body("a", inertia=1.0), Force("a", rough), Spring("a", GROUND, stiffness=1.0))
     with pytest.raises(SimulationError, match=r"not a number|too small") as caught:
@@ -251,7 +251,7 @@ for call in sorted(near | {*range(3, len(places) - 3, len(places) // 10)}):
     ("formulation", "method"), [("contact-force", "BDF"), ("merged", "Adams"), ("multiplier", "BDF")]
 )
 def test_an_interrupted_run_ends_at_an_event_at_the_latest(formulation: str, method: str) -> None:
-    """What the solver has computed beyond the next impact is no part of the motion; from the end it goes on."""
+    """Steps of the solver beyond the next impact are no part of the result; a new run goes on from its end."""
     command = [sys.executable, "-c", INTERRUPTED_AT_STOPS, formulation, method]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     farthest, impacts, speeds = np.array([line.split() for line in run.stdout.splitlines()], dtype=float).T
@@ -344,7 +344,7 @@ def test_what_sundials_says_can_be_logged(caplog: pytest.LogCaptureFixture) -> N
     "normal", [sine(5.0, 1.0, offset=5.0), sine(5.0, 1.0, offset=5.0002), signal(lambda t: 5.0 * t * t)]
 )
 def test_bristles_pressed_from_nearly_nothing_are_refused(law: Law, normal: Signal) -> None:
-    # CVODE lost 17 % of the friction of the second, and all of that of the third, without a word
+    # CVODE lost 17 % of the friction under the second force, and all of it under the third, without a word
     scene = Scene(Body("a", inertia=1.0, velocity=9.0), Contact("floor", "a", GROUND, law, normal=normal))
     with pytest.raises(ValueError, match=r"floor.* normal force comes back from nearly 0 at t = .*DryFriction"):
         simulate(scene, (0.0, 2.0))

@@ -1,4 +1,4 @@
-"""What users and solvers do wrong while a simulation runs ends in `SimulationError`, with what was computed so far."""
+"""Faults of users and solvers while a simulation runs end in `SimulationError`, which holds the result so far."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def faults_of_users() -> Iterator[tuple[str, Fault]]:
 
 
 def faults_of_solvers() -> Iterator[tuple[str, Fault]]:
-    """Yield by name what the solvers cannot do."""
+    """Yield by name simulations that the solvers cannot do."""
     for name in ("contact-force", "Adams", "merged", "multiplier"):
         yield f"a load out of proportion, {name}", (partial(rough, **SOLVERS[name]), "")
     for method, soft in product(("RK4", "Euler"), (False, True)):
@@ -147,9 +147,9 @@ def faults_of_solvers() -> Iterator[tuple[str, Fault]]:
 
 
 def check(case: Fault) -> None:
-    """Run what must end in the right error with a result that can be used.
+    """Run a case: it must end in the right error, with a result that can be used.
 
-    A load found to fail when its zeros are looked for is refused, before anything runs.
+    A load that fails in the search for its zeros is refused before anything runs.
     """
     run, words = case
     with pytest.raises((ValueError, SimulationError)) as raised:
@@ -183,7 +183,7 @@ def test_what_no_solver_can_do(case: Fault) -> None:
 
 @pytest.mark.parametrize("method", ["series", "BDF"])
 def test_what_grows_without_end_is_kept_up_to_there(method: Any) -> None:
-    """v' = 50 v - 0.1 from 1 m/s: v = 0.002 + 0.998 exp(50 t), 1e100 at 4.6053 s."""
+    """v' = 50 v - 0.1 from 1 m/s: v = 0.002 + 0.998 exp(50 t), 1e100 at 4.6052 s."""
     rub = Contact("rub", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0)
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", 50 * velocity("m")), rub)
     with pytest.raises(SimulationError, match=r"the motion grows beyond 1e\+100") as caught:
@@ -195,7 +195,7 @@ def test_what_grows_without_end_is_kept_up_to_there(method: Any) -> None:
 
 
 def test_what_a_sampled_controller_makes_grow_is_kept_up_to_there() -> None:
-    """v' = u, u = -30 v at samples 0.1 s apart: v doubles from sample to sample, and 30 * 2**328 is too much."""
+    """v' = u, u = -30 v at samples 0.1 s apart: v is multiplied by -2 at each, and 30 * 2**328 is too much."""
     control = Sampled("p", period=0.1, inputs=[velocity("m")], output=lambda t, x, u: -30 * u[0])
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), control, Force("m", output("p")))
     for method in ("series", "BDF"):

@@ -155,7 +155,7 @@ def ring(load: float) -> Scene:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_ring_shares_its_load(formulation: str) -> None:
-    """With F = 6 on a each body gets 2: 4 leave a, 2 on each side, and none flows between b and c."""
+    """Of 6 N on a each body needs 2 N: a hands on 2 N to each side, and nothing passes between b and c."""
     result = simulate(ring(6.0), (0.0, 1.0), formulation=formulation)
     assert not result.events
     for name, force in (("ab", 2.0), ("bc", 0.0), ("ca", -2.0)):
@@ -183,7 +183,7 @@ def test_doubled_contacts_share_evenly(formulation: str) -> None:
 
 @pytest.mark.parametrize("unit", [1e-12, 1e11])
 def test_contacts_that_share_their_load_take_no_more_steps_in_another_unit(unit: float) -> None:
-    """Mass and forces in another unit: three contacts stop a body, and hold it against a tenth of their levels."""
+    """Mass and forces in another unit: three contacts stop a body, and hold it against 1/60 of their levels' sum."""
 
     def run(k: float) -> Result:
         scene = Scene(
@@ -202,7 +202,7 @@ def test_contacts_that_share_their_load_take_no_more_steps_in_another_unit(unit:
 
 @pytest.mark.parametrize("radius", [1.0, 3e4])
 def test_a_wheel_that_rests_on_another_through_a_long_lever(radius: float) -> None:
-    """Two brakes hold the other one; at the wheel's own radius 0.3 N m is below its level of 1 N m."""
+    """Two brakes hold the drum. At the wheel's own radius of 1 m its 0.3 N m are below the level of 1 N m."""
     law = DryFriction(0.5, 0.4)
     scene = Scene(
         Body("wheel", inertia=1.0),
@@ -217,7 +217,7 @@ def test_a_wheel_that_rests_on_another_through_a_long_lever(radius: float) -> No
 
 
 def test_forces_of_random_redundant_groups_have_least_norm() -> None:
-    """Against the pseudoinverse of ``G M^-1 G^T``... over the incidence: ``lambda = (G^T)^+ (F - M a)``."""
+    """Against the pseudo-inverse of the rows' matrix G, transposed: ``lambda = (G^T)^+ (F - M a)``."""
     rng = np.random.default_rng(7)
     for _ in range(10):
         n = int(rng.integers(3, 6))
@@ -289,7 +289,7 @@ def test_sparse_multipliers() -> None:
 
 @pytest.mark.parametrize("bodies", [2, 4])
 def test_a_contact_that_is_being_closed_carries_no_more_than_roundoff(bodies: int) -> None:
-    """The lid is pressed from 0 on, while others carry all the load: IDA must not be asked for more."""
+    """The lid is pressed from 0 on, while others carry all the load: IDA must not be asked for less than roundoff."""
     law = DryFriction(0.6, 0.4)
     scene = Scene(
         *(Body(f"b{i}", inertia=0.7 + 0.31 * i) for i in range(bodies)),
@@ -344,7 +344,7 @@ def test_any_scene_is_the_same_in_all_three(scene: Scene) -> None:
 
 
 def test_a_position_that_comes_back_to_0_from_far_away() -> None:
-    # near 0 the tolerance of the hand's position is roundoff of those before it: IDA gave up there
+    # where the hand's position is near 0, its tolerance is below roundoff of the positions before: IDA gave up there
     scene = Scene(
         Body("m", inertia=1e-6),
         Drive("hand", velocity=sine(0.01, 0.2)),

@@ -57,7 +57,7 @@ def test_a_scene_is_freed_with_all_that_was_made_of_it() -> None:
 
 
 def test_what_is_kept_of_a_motion_is_no_part_of_a_larger_array() -> None:
-    # CVODE hands over parts of arrays for a thousand steps
+    # CVODE returns parts of arrays that have room for a thousand steps
     law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
     scene = Scene(Body("block", inertia=1.0, velocity=1.0), Contact("floor", "block", GROUND, law, normal=1.0))
     result = simulate(scene, (0.0, 1.0), method="BDF")
@@ -84,12 +84,12 @@ def test_events_late_in_a_run_take_no_more_memory_than_the_first() -> None:
         assert len(result.events) == 2 * cycles - 1
         return peak / cycles
 
-    per_event(25)  # what is imported and compiled once is no part of it
+    per_event(25)  # imports and compiles, which happens once
     assert per_event(200) < 1.2 * per_event(50)
 
 
 def test_what_a_run_needs_no_more_is_freed_without_the_collector() -> None:
-    """Arrays do not count where Python decides when to look for circles: these would stay for hundreds of events."""
+    """Python's collector ignores the size of arrays: those in reference cycles would stay for hundreds of events."""
     scene = Scene(
         *(Body(f"b{i}", inertia=1.0) for i in range(30)),
         *(Spring(f"b{i}", f"b{i + 1}", stiffness=10.0) for i in range(29)),

@@ -153,7 +153,7 @@ def test_relaxation_margin_is_the_velocity_found_at(margin: float) -> None:
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("force", "changes"), [(-2e-7, [0]), (2e-7, [])])
 def test_relaxation_is_the_same_in_both_directions(side: int, force: float, changes: list[int]) -> None:
-    """A force far below the level of 5 N brings to rest what it brakes; what it drives goes on with 7e-8 m/s."""
+    """A force far below the level of 5 N brings a body that it brakes to rest; driven, the body goes on with F / 3."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=side),
         Damper("a", GROUND, damping=3.0),
@@ -190,7 +190,7 @@ def test_what_leaves_rest_does_not_relax_with_others(side: int) -> None:
 @pytest.mark.parametrize("start", [-3.0, -3e4])
 @pytest.mark.parametrize("method", ("series", *METHODS))
 def test_before_time_0_all_is_the_same(method: str, start: float) -> None:
-    """1 m/s fall with 1 m/s2; a load of 3 N/s comes to the level of 2 N 2/3 s after the start, and to 6 N."""
+    """a slows down from 1 m/s with 1 m/s2; the load on b rises with 3 N/s to 6 N, past the level of 2 N at 2/3 s."""
     scene = Scene(
         *(Body(name, inertia=1.0, velocity=v) for name, v in (("a", 1.0), ("b", 0.0))),
         *(Contact(f"of {name}", name, GROUND, DryFriction(0.2, 0.1), normal=10.0) for name in "ab"),
@@ -200,12 +200,12 @@ def test_before_time_0_all_is_the_same(method: str, start: float) -> None:
     assert told(result) == [("of b", 0, 1), ("of a", 1, 0)]
     assert [event.t for event in result.events] == pytest.approx([start + 2 / 3, start + 1.0], abs=1e-8, rel=0)
     assert result.t[0] == start and result.t[-1] == start + 2.0
-    # 6 N s less 0.67 N s, and friction of 1 N for 4/3 s
+    # impulse of the load after 2/3 s: 6 N s - 2/3 N s; friction: 1 N for 4/3 s
     assert result.velocity("b")[-1] == pytest.approx(6.0 - 2 / 3 - 4 / 3, abs=1e-7)
 
 
 def test_without_a_velocity_margin_relaxation_is_never_found() -> None:
-    """Down to the solver's own noise: below its tolerance the sign of w means nothing."""
+    """w falls to the solver's errors; below them its sign means nothing. Only with a margin is there an event."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Damper("a", GROUND, damping=3.0),
@@ -353,7 +353,7 @@ def test_benchmark_and_its_economy(method: str) -> None:
     np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=1e-15 if exact else 1e-8)
     assert result.velocity("wheel1")[-1] == pytest.approx(0.687838305725714362, rel=1e-15 if exact else 1e-8)
     stats = result.stats
-    # no springs, no positions; one guard for a slipping contact and two for a stuck one; none for an open brake
+    # no springs, so no positions; one guard for a slipping contact and two for a stuck one; none for an open brake
     assert stats["states"] == 2
     assert stats["guards"] == 3
     assert stats["restarts"] == 5 + 6
@@ -479,7 +479,7 @@ def test_reruns_are_bit_identical() -> None:
 
 
 def test_a_breakaway_under_a_curved_normal_force_late_in_time_is_settled_at_once() -> None:
-    """At t = 64 s a root rounds to a time 1e-14 s before it: the guard is positive there, yet found at its limit."""
+    """At 64 s a root rounds to a time 1e-14 s before it: the guard is positive there, yet counts as at its limit."""
     law = DryFriction(0.3, 0.2)
     for start in (0.0, 64.0):
         normal = sine(4.5, 1.377, phase=-550.166 - 2 * math.pi * 1.377 * (start - 64.0), offset=15.0)
@@ -536,7 +536,7 @@ def test_what_rests_goes_on_by_series_where_the_engine_is_chosen() -> None:
 
 
 def test_tolerances_mean_the_same_in_small_units_of_length() -> None:
-    """A block is pushed against a wall from which it rebounds; without springs nothing but the time tells how far."""
+    """A block is pushed against a wall and rebounds. Without springs only the time span gives a scale of length."""
 
     def run(length: float, time: float) -> Result:
         speed, force = length / time, length / time**2

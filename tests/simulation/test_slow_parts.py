@@ -1,4 +1,4 @@
-"""Slow bodies beside fast ones, and behind levers: what a solver leaves uncertain is a part of what each may have."""
+"""Slow bodies beside fast ones, and behind levers: a velocity's uncertainty is a part of what its body may reach."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ METHODS = pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
 
 @pytest.mark.parametrize("spin", [0.0, 300.0])
 def test_a_slow_slide_comes_to_rest_beside_a_fast_flywheel(spin: float) -> None:
-    """Nothing joins them: v = 1e-5 less 3e-5 t or more, and then rest; the heat is what it had, v^2 / 2."""
+    """Nothing joins them. Friction of 3e-5 N stops 1e-5 m/s; the heat is the first kinetic energy, 0.5e-10 J."""
     law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
     scene = Scene(
         Body("slide", inertia=1.0, velocity=1e-5),
@@ -71,7 +71,7 @@ def test_a_contact_at_a_tiny_radius_stops_its_rotor(method: str, radius: float) 
 
 @pytest.mark.parametrize("method", ["series", "BDF"])
 def test_an_open_contact_at_a_tiny_radius_shows_how_it_moves(method: str) -> None:
-    """What turns with 1 rad/s moves with 1e-9 m/s at 1e-9 m, and nothing holds it."""
+    """A rotor that turns with 1 rad/s slides with 1e-9 m/s at a radius of 1e-9 m, and nothing holds it."""
     scene = Scene(
         Body("rotor", inertia=1.0, velocity=1.0),
         Contact("pivot", "rotor", GROUND, DryFriction(0.3, 0.3), normal=0.0, radius_a=1e-9),
@@ -98,7 +98,7 @@ def test_a_table_behind_a_fine_screw_comes_to_rest(method: str, pitch: float) ->
 
 @pytest.mark.slow
 def test_a_servo_drive_turns_its_table_when_it_turns() -> None:
-    """Its table is a thousand times as slow as the motor, behind 1 mm/rad: a run 1000 times as tight agrees."""
+    """The table, behind 1 mm/rad, is 1000 times as slow as the motor; a run with 1000 times tighter rtol agrees."""
     reference = piecewise_linear([0.0, 0.5, 5.0], [0.0, 0.05, 0.05])
     controller = pid(
         "controller",
@@ -131,7 +131,7 @@ def test_a_servo_drive_turns_its_table_when_it_turns() -> None:
 @METHODS
 @pytest.mark.parametrize("lever", [1.0, 6283.0])
 def test_a_slow_ball_rebounds(method: str, lever: float) -> None:
-    """It comes to the stop at 1 with 1e-5, and leaves it with half of that."""
+    """The ball's end of the lever meets the stop after 1 s with 1e-5 m/s, and leaves it with half of that."""
     scene = Scene(
         Body("ball", inertia=1.0, velocity=-1e-5 / lever, position=1e-5 / lever),
         Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5, radius_a=lever),
@@ -159,7 +159,7 @@ def test_a_slow_slide_that_dies_away_is_not_at_rest(method: str) -> None:
 
 @METHODS
 def test_a_slow_slide_that_nothing_holds_moves(method: str) -> None:
-    """Pressed with 1e-6 (t - 1) from 1 s on: ``1e-7 = 0.15e-6 (t - 1)^2``."""
+    """Pressed with 1e-6 (t - 1) N from 1 s on, it stops where ``1e-7 = 0.15e-6 (t - 1)^2``."""
     scene = Scene(
         Body("slide", inertia=1.0, velocity=1e-7),
         Contact("c", "slide", GROUND, DryFriction(0.3, 0.3), normal=piecewise_linear([1, 2], [0, 1e-6])),
@@ -202,14 +202,14 @@ def test_a_nut_on_a_screw_that_is_led_sticks_to_it(method: str) -> None:
     )
     result = simulate(scene, (0.0, 3.0), method=method)
     assert [(event.contact, event.after) for event in result.events] == [("nut", 0)]
-    # what the slide has taken the nut has given back: 1.5e-4 t = 1.5e-5 + 3e-4 (t - 0.6)
+    # the nut has given back the impulse that the slide took: 1.5e-4 t = 1.5e-5 + 3e-4 (t - 0.6)
     assert result.events[0].t == pytest.approx(1.1, rel=1e-6)
     assert result.velocity("table")[-1] == pytest.approx(3e-4, rel=1e-9)
 
 
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_load_that_friction_holds_tells_no_speed(beside: bool) -> None:
-    """A slide with 1e-4 under 100 N, slowed by 2e-4 more than that: it stops at 0.5."""
+    """A slide of 1 kg at 1e-4 m/s; 100 N push it, and friction is 2e-4 N more: it stops after 0.5 s."""
     scene = Scene(
         Body("slide", inertia=1.0, velocity=1e-4),
         Force("slide", 100.0),
@@ -222,7 +222,7 @@ def test_a_load_that_friction_holds_tells_no_speed(beside: bool) -> None:
 
 
 def test_a_pulse_that_nothing_foretells_moves_a_slide_beside_a_flywheel() -> None:
-    """A Gaussian of 10 ms, which samples miss; that it lets go at 1.00738 is ``5 exp(-x^2) = 0.03``."""
+    """A Gaussian of 10 ms, which samples miss; the slide lets go where ``5 exp(-x^2) = 0.03``, at 1.00738 s."""
     pulse = signal(lambda t: 5.0 * math.exp(-(((t - 1.03) / 0.01) ** 2)))
     scene = Scene(
         Body("slide", inertia=1.0),
@@ -237,7 +237,7 @@ def test_a_pulse_that_nothing_foretells_moves_a_slide_beside_a_flywheel() -> Non
 
 @pytest.mark.parametrize("motor_first", [False, True])
 def test_signals_that_do_not_reach_a_slow_slide_leave_it_alone(motor_first: bool) -> None:
-    """It stops at 0.5, wherever it stands in the scene."""
+    """The slide stops at 1e-4 / 2e-4 = 0.5 s, wherever it stands in the scene."""
     machine = [Body("table", inertia=1.0, velocity=300e-4), Body("motor", inertia=1e-2, velocity=300.0)]
     scene = Scene(
         *(machine[::-1] if motor_first else machine),
@@ -267,7 +267,7 @@ SIGNALS = {
 @pytest.mark.parametrize("signals", SIGNALS.values(), ids=SIGNALS)
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
 def test_a_slow_slide_turns_beside_a_governed_flywheel(method: str, signals: tuple[Block | Force, ...]) -> None:
-    """Without friction ``v = 0.001 (0.98 + cos t)``, so it turns for 0.4 s, nearly without friction."""
+    """Without friction ``v = 0.001 (0.98 + cos t)`` is negative for 0.4 s; friction of 1e-7 N changes this little."""
     scene = Scene(
         Body("slide", inertia=1.0, velocity=1.98e-3),
         Force("slide", sine(-1e-3, 0.5 / math.pi)),
@@ -284,7 +284,7 @@ def test_a_slow_slide_turns_beside_a_governed_flywheel(method: str, signals: tup
 
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
 def test_a_part_that_only_a_signal_moves_moves_as_alone(method: str) -> None:
-    """Nothing tells how fast it will be; it lets go where t^2 is 0.3."""
+    """Nothing shows beforehand how fast it will be; it lets go where t^2 is 0.3."""
     part = [
         Body("slide", inertia=1.0),
         Spring("slide", GROUND, stiffness=4.0),
@@ -298,7 +298,7 @@ def test_a_part_that_only_a_signal_moves_moves_as_alone(method: str) -> None:
 
 
 def test_a_state_whose_roundoff_is_not_known_makes_no_run_longer() -> None:
-    """A pulse of 1e-8 s makes the run again: its 1 N let expect more. A block adds up ``sin^2 + cos^2 - 1``."""
+    """1 N for 1e-8 s only: the velocity is smaller than expected, so the run is repeated. A block adds up roundoff."""
 
     def scene(*more: Block) -> Scene:
         pulse = piecewise_linear([1.0, 1.0, 1.0 + 1e-8, 1.0 + 1e-8], [0.0, 1.0, 1.0, 0.0])

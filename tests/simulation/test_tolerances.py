@@ -1,4 +1,4 @@
-"""Absolute tolerances of slow scenes: accuracy in any unit, also where only a run tells how slow they are."""
+"""Absolute tolerances of slow scenes: accuracy in any unit, also where only a run shows how slow they are."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-13}
 @pytest.mark.parametrize("kind", ["Dahl", "LuGre", "function", "sum", "table"])
 def test_a_slow_motion_of_a_stiff_body_has_the_accuracy_that_was_asked_for(kind: str, method: Any) -> None:
     """``x'' + omega_0^2 x = F sin(omega t)`` from rest, within 1e-8 m: ``v = F omega (cos omega t - cos omega_0 t) /
-    (omega_0^2 - omega^2)``. No spring and no velocity at the start tells how slow it is."""
+    (omega_0^2 - omega^2)``. No spring and no velocity at the start shows how slow it is."""
     k, frequency, push = 1e6, 2.0, 1e-2
     own, omega, t = math.sqrt(k), 2 * math.pi * frequency, np.linspace(0.01, 0.5, 100)
     elements: dict[str, Any] = {
@@ -105,7 +105,7 @@ def test_a_small_motion_beside_large_forces_that_cancel_takes_no_longer() -> Non
 
 
 def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
-    """What moves it is roundoff of its weight, which a function tells: one run of a few steps is enough."""
+    """Only roundoff of its weight, which a function returns, moves it: one run of a few steps is enough."""
     k, weight = 1e6, 9.81
     push = feedback(lambda x: -weight, position("a"))
     scene = Scene(Body("a", inertia=1.0, position=-weight / k), Force("a", -k * position("a")), Force("a", push))
@@ -130,7 +130,7 @@ def test_a_spring_at_rest_but_for_roundoff_tells_no_speed(held: Any, options: di
 @pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
 @pytest.mark.parametrize("stop", [20.0, 1e4, 1e6])
 def test_a_body_relaxes_to_rest_however_long_the_run(stop: float, method: Any) -> None:
-    """Pushed for a second, b runs out on a damper, whose v falls like exp(-2 t); another would be fast by the end."""
+    """Pushed for a second, b runs out on a damper, with v like exp(-2 t); a free body could be fast by the end."""
     push = piecewise_linear([0.0, 1.0, 1.0], [3.0, 3.0, 0.0])
     scene = Scene(
         Body("other", inertia=1.0),

@@ -110,7 +110,7 @@ def test_an_event_may_stop_the_run(way: dict[str, Any], tmp_path: Path) -> None:
 
 
 def test_many_crossings_of_a_sine_within_one_step() -> None:
-    """Nothing moves, so that the series takes one step; the load alone oscillates 40 times."""
+    """No body moves, so that the series takes one step; only the load oscillates, 40 times."""
     scene = Scene(
         Body("m", inertia=1.0),
         Contact("rub", "m", GROUND, DryFriction(1.0, 1.0), normal=10.0),
@@ -246,7 +246,7 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
 @pytest.mark.parametrize("limit", [0.1, 0.5, 0.9, 0.99])
 @pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 0.01}])
 def test_what_is_cut_off_comes_to_its_limit_and_stays(way: dict[str, Any], limit: float) -> None:
-    """Nothing but the events reads it: v = cos t is above the limit up to acos(limit), and again before 2 pi."""
+    """Only the events read the cut velocity: v = cos t is above the limit up to acos(limit), and again before 2 pi."""
     scene = Scene(Body("a", inertia=1.0, velocity=1.0), Spring("a", GROUND, stiffness=1.0))
     cut = saturate(velocity("a"), -limit, limit)
     events = [When("top", cut - limit), When("bottom", cut + limit), When("middle", cut)]
@@ -307,7 +307,7 @@ def test_a_stop_that_closes_brings_a_velocity_to_0() -> None:
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("start", [0.5, 0.513, 0.526, 0.539])
 def test_the_edge_of_a_dead_band_is_no_event(way: dict[str, Any], start: float) -> None:
-    """A block that never moves backward is let go and sticks again: what cuts velocities off at 0 gives 0 all along."""
+    """A block lets go, moves forward and sticks again: a quantity that is 0 for all v >= 0 has no event."""
     scene = Scene(
         Body("b", inertia=1.0),
         Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=10.0),
