@@ -292,7 +292,7 @@ def test_dahl_creeps_where_dry_friction_holds() -> None:
     soft = simulate(dahl(pulses), (0.0, 5.0))
     hard = simulate(slider(DryFriction(0.4, 0.2), Force("a", pulses)), (0.0, 5.0))
     assert soft.stats["guards"] == 0 and not soft.events
-    assert np.abs(soft.velocity("a")).max() > 0
+    assert np.all(np.diff(soft.sample([0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).position("a")) > 0.01)
     assert np.all(hard.velocity("a") == 0) and not hard.events
 
 
