@@ -329,7 +329,7 @@ def test_body_held_by_the_ground_and_by_a_drive_that_starts(
 
 
 def test_body_held_by_the_ground_and_by_a_drive_with_equal_strength() -> None:
-    """The drive leaves at 1 s: it slips forward over the body, which no more than its friction pushes."""
+    """The drive moves from 1 s on: it slips over the body, which the ground holds with as much friction."""
     result = simulate(between(piecewise_linear([1, 2], [0, 1]), 5.0, 5.0), (0.0, 2.0))
     assert told(result) == [("c", 0, -1)] and times(result) == [1.0]
     assert np.all(result.velocity("a") == 0)
