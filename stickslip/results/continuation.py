@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.algebra.matrices import dense, row_maxima
 from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
 from stickslip.equations.guards.values import AT_BAND
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
@@ -166,6 +166,10 @@ def _velocities(at: Samples, fastest: Array, modes: Modes) -> dict[str, float]:
         rough += ROUNDOFF * (system.abs_D @ np.abs(u))
     has_passed = (np.abs(modes) == 1) & (modes * w < 0)
     rests = system.hard & ((np.abs(w) <= rough) | has_passed)
+    if (moves := (rests & (modes != 0)).nonzero()[0]).size:
+        # rows that STUCK ones lock follow drives, which may just pass 0: to set them to rest would move the STUCK ones
+        G, stuck = system.G[moves], (rests & (modes == 0)) | system.is_tie
+        rests[moves[row_maxima(G @ system.balance(stuck).T) <= ROUNDOFF * row_maxima(G)]] = False
     held = (rests & (w != 0)) | (system.is_one_way & (w > 0))
     if held.any():
         v = system.balance(held | rests | system.is_tie).project(v, u)

@@ -144,3 +144,19 @@ def test_a_ball_at_rest_on_a_table_near_its_origin(amplitude: float) -> None:
     for cut in (3.0, 3.05, 3.5, 3.75, 4.0):
         rest = simulate(simulate(scene, (0.0, cut)).final_scene(), (cut, cut + 1.0))
         assert rest.events == [] and (rest.mode("s") == Mode.BACKWARD).all()
+
+
+def test_a_stuck_body_keeps_its_rest_where_a_drive_that_rubs_on_it_just_passes_0() -> None:
+    """The ground holds 3 N and the drive pulls with 0.8 N; its velocity ``0.5 sin(2.2 pi t)`` is 0 at 3 / 2.2 s."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=0.1),
+        Drive("d", velocity=sine(0.5, 1.1)),
+        Contact("rub", "b", "d", DryFriction(0.2, 0.2), normal=4.0),
+        Contact("hold", "b", GROUND, DryFriction(0.3, 0.3), normal=10.0),
+    )
+    middle = 3 / 2.2
+    first = simulate(scene, (0.0, middle))
+    second = simulate(first.final_scene(), (middle, 2.0))
+    assert second.velocity("b")[0] == 0.0 and second.mode("hold")[0] == 0
+    assert second.force("hold")[0] == pytest.approx(-0.8, abs=1e-12)
+    assert [event.contact for event in second.events] == ["rub"]
