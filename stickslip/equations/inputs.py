@@ -181,10 +181,7 @@ class Inputs:
         assert dependence is not None
         q = self.inputs(tau, y)
         found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self.friction_of, self.table_regions)
-        if self._rising.size:
-            decay = np.exp(-(self._age + self._rate * tau))
-            found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
-        return found
+        return self._with_dwells(found, tau)
 
     def input_changes(self, dy: Array, dq: Array) -> Array:
         """Return the changes of inputs and dwells at the start, for changes `dy` of the state and `dq` of loads.
@@ -194,10 +191,14 @@ class Inputs:
         found = dq.copy()
         if self.dependence is not None:
             self.dependence.add_changes(found[: self.system.inputs], dy, self._slopes_by_arguments)
+        return self._with_dwells(found, 0.0)
+
+    def _with_dwells(self, changes: Array, tau: float) -> Array:
+        """Enter the changes of dwells, in place: at local time `tau` these follow normal forces."""
         if self._rising.size:
-            decay = np.exp(-self._age)
-            found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
-        return found
+            decay = np.exp(-(self._age + self._rate * tau))
+            changes[self.system.inputs + self._rising] = decay[:, None] * changes[self._rising_rows]
+        return changes
 
     # -- levels that rise, and sines -----------------------------------------------------------------------
 

@@ -240,6 +240,11 @@ class Motion(Inputs):
         """Return ``y' = A y + B q + K e``."""
         return self.both(tau, y)[: self.system.size]
 
+    def relative_accelerations(self, tau: float | Array, y: Array) -> Array:
+        """Return how fast the relative velocities of all rows grow, a column per time where `tau` is an array."""
+        system = self.system
+        return system.relative(self.rate(tau, y)[: system.n], system.drive_accelerations(self.loads(tau)))
+
     def relative_acceleration(self, tau: float, y: Array, row: int) -> float:
         """Return how fast the relative velocity of a row grows."""
         slopes = self.segment.rate(self.t + tau)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.algebra.matrices import dense, row_maxima
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
 from stickslip.equations.guards.values import AT_BAND
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, no_body_moves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
@@ -168,8 +168,8 @@ def _velocities(at: Samples, fastest: Array, modes: Modes) -> dict[str, float]:
     rests = system.hard & ((np.abs(w) <= rough) | has_passed)
     if (moves := (rests & (modes != 0)).nonzero()[0]).size:
         # rows that STUCK ones lock follow drives, which may just pass 0: to set them to rest would move the STUCK ones
-        G, stuck = system.G[moves], (rests & (modes == 0)) | system.is_tie
-        rests[moves[row_maxima(G @ system.balance(stuck).T) <= ROUNDOFF * row_maxima(G)]] = False
+        balance = system.balance((rests & (modes == 0)) | system.is_tie)
+        rests[moves[no_body_moves(system.G[moves], balance, system.largest_lever[moves])]] = False
     held = (rests & (w != 0)) | (system.is_one_way & (w > 0))
     if held.any():
         v = system.balance(held | rests | system.is_tie).project(v, u)

@@ -277,11 +277,8 @@ def _middles(result: Result) -> Array:
     if trajectory.is_patchwork:
         # it is exact
         return np.empty(0)
-    starts, found = trajectory.starts, list[Array]()
-    for number in range(starts.size):
-        steps = trajectory.steps(number)
-        found.append(starts[number] + 0.5 * (steps[1:] + steps[:-1]))
-    middles = np.concatenate(found)
+    ends = [t + trajectory.steps(k) for k, t in enumerate(trajectory.starts.tolist())]
+    middles = np.concatenate([0.5 * (one[1:] + one[:-1]) for one in ends])
     return middles[:: max(middles.size // _TIMES, 1)]
 
 

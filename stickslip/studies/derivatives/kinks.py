@@ -310,8 +310,7 @@ def at_rest_together(
     still = np.zeros((system.m, nearby.count))
     slopes = nearby.slopes_at(_relative, motion, still, tau, path.last, S)
     rate = motion.rate(tau, path.last)
-    pace = system.relative(rate[: system.n], system.drive_accelerations(motion.loads(tau)))
-    slopes = slopes + np.outer(pace, times)
+    slopes = slopes + np.outer(motion.relative_accelerations(tau, path.last), times)
     scale = _speed_slopes(nearby, S, rate, times)
     for k in np.isfinite(times).nonzero()[0].tolist():
         names = [system.rows[j].name for j in rows.tolist() if not abs(slopes[j, k]) <= TIE * scale[k]]

@@ -101,17 +101,15 @@ class SteepPath:
 
         They are given by the ends of steps, and a polynomial for each step.
         """
-        motion, rows, system = self._motion, self._rows, self._motion.system
+        motion, rows = self._motion, self._rows
         nodes, weights, to_powers = radau()
         known, velocities, w = [0.0], [], np.zeros(rows.size)
         for begin, end in zip(self.taus[:-1], self.taus[1:], strict=True):
             taus = begin + (end - begin) * nodes
             y = motion.exact(taus, self._path.at(taus).T)
-            driven = system.drive_accelerations(motion.loads(taus))
             stages = self._relative(taus, y)[rows]
             for _ in range(_ITERATIONS):
-                rates = motion.rate(taus, self._moved(taus, y, stages))
-                pace = system.relative(rates[: system.n], driven)[rows]
+                pace = motion.relative_accelerations(taus, self._moved(taus, y, stages))[rows]
                 before, stages = stages, w[:, None] + (end - begin) * pace @ weights.T
                 if (np.abs(stages - before) <= _ROUNDOFF * np.abs(stages)).all():
                     break

@@ -205,12 +205,10 @@ class VariedGuards:
         motion, guards = self._motion, self.guards
         if motion.is_linear:
             return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
-        found = self._nearby.falls(self.raw, motion, tau, y, self._is_linear)
+        own = guards.is_velocity
+        found = self._nearby.falls(self.raw, motion, tau, y, self._is_linear & ~own)
         # those of velocities are accelerations: differences miss them where the friction curve is vertical at rest
-        own, system = guards.is_velocity, self._nearby.system
-        rate = motion.rate(tau, y)[: system.n]
-        relative = system.relative(rate, system.drive_accelerations(motion.loads(tau)))
-        found[own] = guards.rows.sign[own] * relative[guards.row[own]]
+        found[own] = guards.rows.sign[own] * motion.relative_accelerations(tau, y)[guards.row[own]]
         return found
 
     @property
