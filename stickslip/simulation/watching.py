@@ -29,7 +29,7 @@ _HALVINGS, _AT_MOST = 16, 1000
 _LAST, _RESOLVED, _FAR = 4, 1e-9, 4.0
 
 # A quantity that bends to 0 and stays there is off 0 by so many times its noise shortly before. Shortly is this part of
-# the shorter of the two parts about.
+# the shorter of the two parts about. One that stays at 0 from the start of a path does so for longer than this part.
 _SHORTLY, _OFF = 1e-3, 10.0
 
 _LOOKS = 200  # places along a path that are tried to find where a function fails
@@ -67,6 +67,10 @@ class Watch:
         self._died, self._passed = [False] * len(self._events), [False] * len(self._events)
         # the largest value of each quantity since it left 0
         self._largest = [0.0] * len(self._events)
+        # how far stops have had the bodies from the origin: impacts leave positions, and so their roundoff, as they are
+        reach = np.asarray(system.abs_GT @ system.is_stop)
+        self._struck = system.n + reach[system.moved].nonzero()[0]
+        self._farthest = np.zeros((self._struck.size, 1))
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation.
@@ -100,7 +104,7 @@ class Watch:
             else:
                 q = np.zeros((system.inputs, t.size))
                 q[-1] = 1.0
-            majorants = at_start[: system.inputs, None], sizes + gained[:, None]
+            majorants = at_start[: system.inputs, None], self._with_earlier(sizes) + gained[:, None]
             return system.observed_values(q, y, majorants, t, since, motion.friction_of)
 
         return self._between(np.array([0.0, end - begin]), values)
@@ -137,9 +141,10 @@ class Watch:
             sign = -sign
             found.append(Crossing(0.0, event, sign))
         at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values]
-        if sign and all(at_0[:2]) and not self._died[k]:
-            # It stays at 0, as the velocity of a stuck contact does. Two parts are looked at: one may be too short to
-            # leave 0. If all values that gave the sign are roundoff here, there has never been a sign.
+        leaves = edges[at_0.index(False)] if False in at_0 else edges[-1]
+        if sign and all(at_0[:2]) and leaves > _SHORTLY * edges[-1] and not self._died[k]:
+            # It stays at 0, as the velocity of a stuck contact does. Two parts and a time are looked at: what leaves 0
+            # is roundoff in short parts. If all values that gave the sign are roundoff here, there has never been one.
             if self._largest[k] > noise and not (self._in_steps and self._passed[k]):
                 found.append(Crossing(0.0, event, -sign, stays=True))
             sign = 0
@@ -192,6 +197,14 @@ class Watch:
         values, majorants = (np.concatenate([one[k] for one in done], axis=1)[:, order] for k in (1, 2))
         return np.append(starts[order], edges[-1]), values, majorants
 
+    def _with_earlier(self, sizes: Array) -> Array:
+        """Return the sizes of states, a column per time, where those of positions at stops are the largest so far."""
+        if self._struck.size:
+            at_stops = sizes[self._struck]
+            self._farthest = np.maximum(self._farthest, at_stops.max(axis=1, keepdims=True))
+            sizes[self._struck] = self._farthest
+        return sizes
+
     def _values(self, motion: Motion, path: Path, taus: Array, gained: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and their majorants.
 
@@ -199,7 +212,7 @@ class Watch:
         """
         y = motion.exact(taus, path.at(taus).T)
         q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
-        majorants = np.zeros(1), np.abs(y) + gained[:, None]
+        majorants = np.zeros(1), self._with_earlier(np.abs(y)) + gained[:, None]
         return self._system.observed_values(q, y, majorants, motion.t + taus, taus, motion.friction_of)
 
 
