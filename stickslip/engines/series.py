@@ -209,17 +209,16 @@ class Series:
             limit = min(limit, found)
         return limit
 
-    def _roundoff_scale(self, motion: Motion, guards: Guards, i: int, h0: float | None) -> float:
+    @staticmethod
+    def _roundoff_scale(guards: Guards, i: int, h0: float | None, fastest: Array) -> float:
         """Return the size of which a guard's roundoff is a part: the largest speeds so far, or forces at the start.
 
         In the first step, of length `h0`, a border that leaves 0 is measured from its value at the start. So it has
-        the roundoff of a velocity times that length.
+        the roundoff of a velocity times that length. `fastest` are the majorants of relative velocities so far.
         """
         if h0 is not None and guards.is_border[i] and guards.order[i] == 1:
             return float(guards.majorant[1, i]) * h0
-        if guards.is_velocity[i]:
-            return float((motion.system.abs_G[[guards.row[i]]] @ self._speed)[0])
-        return float(guards.value_scale[i])
+        return float(fastest[guards.row[i]] if guards.is_velocity[i] else guards.value_scale[i])
 
     def _first_root(self, g: Array, motion: Motion, guards: Guards, h0: float | None) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""
@@ -229,7 +228,7 @@ class Series:
         which, touches_only = -1, False
         if not close.size:
             return None, which, touches_only
-        may_stick = guards.stick_at_touch
+        may_stick, fastest = guards.stick_at_touch, motion.system.abs_G @ self._speed
         columns = list(zip(close.tolist(), bernstein.T, strict=True))
         if len(columns) > 1:
             # begin with the guard whose root seems to come first: of others only earlier roots matter
@@ -238,7 +237,7 @@ class Series:
             c, own = g[:, i], b
             if found is not None:
                 c, own = c * found ** np.arange(c.size), None
-            scale = self._roundoff_scale(motion, guards, i, h0)
+            scale = self._roundoff_scale(guards, i, h0, fastest)
             root, only = first_touch(c, scale, own) if may_stick[i] else (first_root(c, scale, own), False)
             self.work.guards_isolated += 1
             if root is not None:

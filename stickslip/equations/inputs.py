@@ -94,6 +94,12 @@ class Inputs:
         q = self.inputs(tau, y, self.dependence.for_tables)
         return self.dependence.looked_up(q[: self.system.inputs], self.exact(tau, y))
 
+    def looked_up_by(self, table: int, tau: float, y: Array) -> float:
+        """Return the value at which one table is looked up."""
+        assert self.dependence is not None
+        q = self.inputs(tau, y, self.dependence.for_table(table))
+        return self.dependence.looked_up_by(table, q[: self.system.inputs], self.exact(tau, y))
+
     def has_left(self, tau: float | Array, y: Array) -> Mask | bool:
         """Tell whether a table has left the region whose line the motion follows, for each time.
 
@@ -110,9 +116,7 @@ class Inputs:
         """The values between which tables are in their regions; a motion may start beyond a region by roundoff."""
         assert self.dependence is not None
         x = self.looked_up(0.0, self.y)
-        low, high = np.array(
-            [self.dependence.borders(k, region) for k, region in enumerate(self.table_regions or ())]
-        ).T
+        low, high = self.dependence.all_borders(self.table_regions)
         low, high = np.minimum(low, x), np.maximum(high, x)
         size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
         beside = np.maximum(_BESIDE * size, self.segment.beside)

@@ -91,7 +91,7 @@ class EnergyLedger:
 
     @property
     def begun(self) -> float:
-        """Energy stored at the start in J, before all work and heat; 0 where nothing was computed."""
+        """Energy stored at the start in J, before all work and heat; 0 where there are no times."""
         return float(self._balance[0]) if self.t.size else 0.0
 
     @property
@@ -120,7 +120,7 @@ class EnergyLedger:
     def __str__(self) -> str:
         """Return the account at the last time as a table."""
         if not self.t.size:
-            return "energy: nothing was computed"
+            return "energy: there are no times"
         last = {name: energy[-1] for name, energy in self.totals.items()}
         changes = [(_CHANGES, last.pop(_CHANGES))] if _CHANGES in last else []
         rows = list(last.items())

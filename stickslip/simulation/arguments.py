@@ -222,10 +222,12 @@ def outputs(t_eval: Iterable[float] | None, start: float, stop: float, dense: bo
         return None
     what = "simulate: t_eval"
     times = numbers(t_eval if isinstance(t_eval, np.ndarray) else in_order(t_eval, what, "times"), what)
-    good = times.size == 0 or (times[0] >= start and times[-1] <= stop)
-    if not good or not (times[1:] > times[:-1]).all():
+    back = (~(times[1:] > times[:-1])).nonzero()[0]
+    if times.size and (back.size or not (times[0] >= start and times[-1] <= stop)):
+        got = times[back[0] : back[0] + 2] if back.size else times[[0, -1]]
         raise ValueError(
             f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s, got "
-            f"{every_digit(times[0])} to {every_digit(times[-1])}; sort and cut it"
+            f"{every_digit(got[0])} {'and then' if back.size else 'to'} {every_digit(got[1])}; "
+            "sort them, give each once and cut them"
         )
     return times

@@ -8,22 +8,43 @@ found on the path.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from stickslip.equations.loads.loads import Loads
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path, chebyshev_nodes
+from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
 from stickslip.events.settle import inputs_before
 from stickslip.events.situation import Situation
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
 TOGETHER = 1e-14  # part of a time within which two times count as one
 _NEAR = 0.999  # part of a motion's time from which to its end a difference gives rates
+_FEW = 4  # borders up to which each is looked at along the whole path
 _MORE = 3  # by how much the order of the polynomial of a quantity is larger than that of the state
+
+
+class _Side(NamedTuple):
+    """One border of each table: depths within it at points, their noise, and the tables that may leave by it.
+
+    Below `rough` a depth counts as 0 before its sign is known.
+    """
+
+    depths: Array
+    noise: Array
+    rough: Array
+    may_leave: Indices
+
+    @property
+    def has_left(self) -> Mask:
+        """Whether a table that may leave has left, at each point."""
+        depths: Array = self.depths[self.may_leave]
+        return depths < -self.rough[self.may_leave, None, None]
 
 
 class Borders:
@@ -39,17 +60,15 @@ class Borders:
     def place(self, now: Situation) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
         y, q = now.y, inputs_before(self._system, self._loads.after(now.t), now)
-        regions = self._loads.table_regions
         self._sizes = np.maximum(self._sizes, self._dependence.argument_majorants(q, y))
-        found = []
-        for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
-            region = self._dependence.region(k, x) if regions is None else regions[k]
-            low, high = self._dependence.borders(k, region)
-            ends = [abs(value) for value in (x, low, high) if math.isfinite(value)]
-            rough = ROUGH * max(*ends, float(self._sizes[k]))
-            inside = low - rough <= x <= high + rough
-            found.append(region if inside else self._dependence.region(k, x))
-        self._loads.table_regions = tuple(found)
+        x, regions = self._dependence.looked_up(q, y), self._loads.table_regions
+        if regions is None:
+            self._loads.table_regions = tuple(map(self._dependence.region, range(x.size), x.tolist()))
+        else:
+            low, high = self._dependence.all_borders(regions)
+            rough = ROUGH * np.maximum(self._sizes, _largest(x, low, high))
+            outside = ((x < low - rough) | (x > high + rough)).nonzero()[0].tolist()
+            self._go_to(regions, {k: self._dependence.region(k, float(x[k])) for k in outside})
         # so motions count a region as left only where that is certain
         self._loads.beside = 2 * TINY * self._sizes
 
@@ -62,31 +81,23 @@ class Borders:
             self._leave_with_event(motion, path, regions)
         if self._stays_within(motion, path, regions):
             return path
-        curved = not self._dependence.read_for_tables.isdisjoint(motion.segment.bent.tolist())
-        # where no load bends the values at which tables are looked up, they are nearly polynomials, as the state is
-        nodes = chebyshev_nodes(DEGREE if curved else min(DEGREE, path.coefficients.shape[1] + _MORE))
-        taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
-        values = self._values(motion, path, taus.ravel()).reshape(len(regions), *taus.shape)
-        self._sizes = np.maximum(self._sizes, np.abs(values).max(axis=(1, 2)))
-        exits = [
-            (self._exit(motion, path, k, side, border, side * (border - values[k])), k, side)
-            for k, region in enumerate(regions)
-            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True)
-            if math.isfinite(border)
-        ]
+        exits = self._exits(motion, path, self._dependence.all_borders(regions))
         first = min((tau for tau, *_ in exits), default=math.inf)
         if first > path.taus[-1]:
             return path
         # Tables that leave regions at the same time change together: with only some of them changed, a motion would be
         # none of the scene.
-        following = list(regions)
-        for tau, k, side in exits:
-            if tau <= first + TOGETHER * (abs(motion.t) + first):
-                following[k] = regions[k] + side
-        self._loads.table_regions = tuple(following)
+        together = first + TOGETHER * (abs(motion.t) + first)
+        self._go_to(regions, {k: regions[k] + side for tau, k, side in exits if tau <= together})
         if first >= path.taus[-1]:
             return path
         return motion.until(path, first)
+
+    def _go_to(self, regions: tuple[int, ...], changes: dict[int, int]) -> None:
+        """Note the regions of tables: `regions` but for some."""
+        if changes:
+            regions = tuple(changes.get(k, region) for k, region in enumerate(regions))
+        self._loads.table_regions = regions
 
     def _leave_with_event(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> None:
         """Let tables that come to a border in the instant of an event leave their regions with it.
@@ -97,49 +108,98 @@ class Borders:
         near, instant = max(last, _NEAR * end), TOGETHER * (abs(motion.t) + end)
         before, x = self._values(motion, path, np.array([near, end])).T
         rate = (x - before) / (end - near)
-        following = list(regions)
-        for k, region in enumerate(regions):
-            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True):
-                rough = instant * abs(float(rate[k])) + TINY * float(self._sizes[k])
-                if side * rate[k] > 0 and side * (border - x[k]) <= rough:
-                    following[k] = region + side
-        self._loads.table_regions = tuple(following)
+        rough = instant * np.abs(rate) + TINY * self._sizes
+        changes: dict[int, int] = {}
+        for side, border in zip((-1, 1), self._dependence.all_borders(regions), strict=True):
+            leaves = (side * rate > 0) & (side * (border - x) <= rough)
+            changes |= {k: regions[k] + side for k in leaves.nonzero()[0].tolist()}
+        self._go_to(regions, changes)
 
     def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
         """Tell whether bounds show that no table leaves its region: values stray by at most their coefficients."""
         dependence, segment = self._dependence, motion.segment
         if dependence.for_tables or not segment.is_straight:
             return False
-        steps = np.diff(path.taus)
-        for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
-            part = dependence.arguments[number]
-            value = path.coefficients[:, :, part.states] @ part.S[0]
-            drift = float(part.P[0] @ segment.slope[part.places])
-            since = motion.t - segment.start + path.taus[:-1]
-            first = value[:, 0] + part.P[0] @ segment.value[part.places] + drift * since
-            strays = np.abs(value[:, 1:]).sum(axis=1) + abs(drift) * steps
-            low, high = dependence.borders(k, region)
-            if not (np.all(first - strays > low) and np.all(first + strays < high)):
-                return False
-            self._sizes[k] = max(self._sizes[k], float(np.abs(first).max()))
+        part, c = dependence.looked_up_forms, path.coefficients
+        own = c[:, :, part.states].reshape(c.shape[0] * c.shape[1], part.states.size)
+        value = (part.S @ own.T).reshape(part.S.shape[0], *c.shape[:2])
+        drift = part.P @ segment.slope[part.places]
+        since = motion.t - segment.start + path.taus[:-1]
+        first = value[:, :, 0] + (part.P @ segment.value[part.places])[:, None] + drift[:, None] * since
+        strays = np.abs(value[:, :, 1:]).sum(axis=2) + np.abs(drift)[:, None] * np.diff(path.taus)
+        low, high = dependence.all_borders(regions)
+        if not ((first - strays).min(axis=1) > low).all() or not ((first + strays).max(axis=1) < high).all():
+            return False
+        self._sizes = np.maximum(self._sizes, np.abs(first).max(axis=1))
         return True
 
-    def _exit(self, motion: Motion, path: Path, k: int, side: int, border: float, depths: Array) -> float:
-        """Return the first local time at which a table leaves its region by one border, inf if it does not."""
-        size = float(np.abs(depths).max()) + abs(border)
+    def _exits(self, motion: Motion, path: Path, borders: Array) -> list[tuple[float, int, int]]:
+        """Return local times at which tables leave their regions, with their numbers and sides; the first are there.
+
+        Where many tables leave, only the time until the first one has left is looked at.
+        """
+        curved = not self._dependence.read_for_tables.isdisjoint(motion.segment.bent.tolist())
+        # where no load bends the values at which tables are looked up, they are nearly polynomials, as the state is
+        nodes = chebyshev_nodes(DEGREE if curved else min(DEGREE, path.coefficients.shape[1] + _MORE))
+        ends = path.taus
+        while True:
+            taus = ends[:-1, None] + np.diff(ends)[:, None] * nodes
+            values = self._values(motion, path, taus.ravel()).reshape(-1, *taus.shape)
+            sizes = np.maximum(self._sizes, np.abs(values).max(axis=(1, 2)))
+            sides = [self._side(side, border, values, sizes) for side, border in zip((-1, 1), borders, strict=True)]
+            beyond = np.any([one.has_left.any(axis=0) for one in sides], axis=0).ravel()
+            if sum(one.may_leave.size for one in sides) <= _FEW or not beyond[:-1].any():
+                break
+            # the next point, too: tables that leave together are beyond there
+            left = float(taus.ravel()[beyond.argmax() + 1])
+            if left > 0.5 * ends[-1]:
+                break
+            ends = np.append(ends[ends < left], left)
+        self._sizes = sizes
+        found = []
+        for one, side, border in zip(sides, (-1, 1), borders, strict=True):
+            for k in one.may_leave.tolist():
+
+                def depth(tau: float, k: int = k, side: int = side, border: float = float(border[k])) -> float:
+                    y = motion.exact(tau, path.at(np.array([tau]))[0])
+                    return side * (border - motion.looked_up_by(k, tau, y))
+
+                tau = _exit(ends, one.depths[k], depth, float(one.rough[k]), float(one.noise[k]))
+                found.append((tau, k, side))
+        return found
+
+    @staticmethod
+    def _side(side: int, border: Array, values: Array, sizes: Array) -> _Side:
+        """Return how deep the arguments of tables are within their borders to one side."""
+        depths = side * (border[:, None, None] - values)
+        size = np.abs(depths).max(axis=(1, 2)) + np.abs(border)
+        c = values @ from_nodes(values.shape[2] - 1).T
+        strays = np.abs(c[:, :, 1:]).sum(axis=2)
         # a value that has just come to a border has the roundoff of the largest value before
-        rough, noise = max(ROUGH * size, TINY * float(self._sizes[k])), TINY * size
-
-        def depth(tau: float) -> float:
-            return side * (border - float(self._values(motion, path, np.array([tau]))[k, 0]))
-
-        sign_known = False
-        for row, (start, stop) in zip(depths, pairwise(path.taus.tolist()), strict=True):
-            for tau, sign in signs_along(start, stop, row, depth, noise if sign_known else rough, noise):
-                if sign < 0:
-                    return tau
-                sign_known = True
-        return math.inf
+        noise, rough = TINY * size, np.maximum(ROUGH * size, TINY * sizes)
+        stays = (side * (border[:, None] - c[:, :, 0]) > strays).all(axis=1) & (depths.min(axis=(1, 2)) > rough)
+        return _Side(depths, noise, rough, (np.isfinite(border) & ~stays).nonzero()[0])
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> Array:
         return motion.looked_up(taus, motion.exact(taus, path.at(taus).T))
+
+
+def _exit(taus: Array, depths: Array, depth: Callable[[float], float], rough: float, noise: float) -> float:
+    """Return the first of local times at which a depth falls below 0, inf if it does not.
+
+    `depths` are those at the Chebyshev points between two of `taus` each. Below `rough` a depth counts as 0 before its
+    sign is known, below `noise` after.
+    """
+    sign_known = False
+    for row, (start, stop) in zip(depths, pairwise(taus.tolist()), strict=True):
+        for tau, sign in signs_along(start, stop, row, depth, noise if sign_known else rough, noise):
+            if sign < 0:
+                return tau
+            sign_known = True
+    return math.inf
+
+
+def _largest(*values: Array) -> Array:
+    """Return the largest size among some values that are finite."""
+    found: Array = np.max([np.where(np.isfinite(one), np.abs(one), 0.0) for one in values], axis=0)
+    return found

@@ -463,3 +463,34 @@ def test_a_force_that_comes_to_its_level_at_corners_lets_go_if_it_goes_on(
         assert event.t == pytest.approx(corner, rel=1e-9)
         # 4 N + (t - corner) / corner - 2 N moves it
         assert result.velocity("m")[-1] == pytest.approx(2.5 * corner, rel=1e-6)
+
+
+def _saturated_drive(number: int, delay: float) -> list[Any]:
+    """A slider with a controller whose force is limited, and a table of that force beside it."""
+    name, x, v = f"b{number}", position(f"b{number}"), velocity(f"b{number}")
+    force = saturate(50.0 * (1.0 + delay - x), -8.0, 8.0)
+    return [
+        Body(name, inertia=1.0),
+        Contact(f"c{number}", name, GROUND, DryFriction(0.4, 0.3), normal=10.0),
+        Force(name, force - v),
+        Force(name, table(force - 2.0 * v, [-5.0, 0.0, 5.0], [-0.1, 0.0, 0.4])),
+    ]
+
+
+@pytest.mark.parametrize("count, way", [(3, {}), (24, {}), (5, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12})])
+def test_many_tables_are_as_each_alone(count: int, way: dict[str, Any]) -> None:
+    """Drives that do not know of each other move as each alone; two of them leave every corner together."""
+    delays = [0.03 * max(number, 1) for number in range(count)]
+    drives = [_saturated_drive(number, delay) for number, delay in enumerate(delays)]
+    t = np.linspace(0.0, 5.0, 101)
+    together = simulate(Scene(*(element for drive in drives for element in drive)), (0.0, 5.0), **way)
+    rough = 1e-7 if way else 1e-13
+    for number in {0, 1, 2, count // 2, count - 1}:
+        alone = simulate(Scene(*drives[number]), (0.0, 5.0), **way)
+        name, contact = f"b{number}", f"c{number}"
+        of_both = [[(e.t, e.cause) for e in run.events if e.contact == contact] for run in (together, alone)]
+        assert [cause for _, cause in of_both[0]] == [cause for _, cause in of_both[1]]
+        assert np.allclose([at for at, _ in of_both[0]], [at for at, _ in of_both[1]], rtol=0, atol=rough)
+        assert np.abs(together.sample(t).position(name) - alone.sample(t).position(name)).max() < rough
+        assert len(of_both[0]) == 3  # it turns, turns again, and sticks: that corners are left is no event
+    assert np.abs(together.position("b0") - together.position("b1")).max() < 1e-14

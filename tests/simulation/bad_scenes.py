@@ -174,7 +174,7 @@ ARGUMENTS: list[Case] = [
     (lambda: run(t_eval=0.5), TypeError, ["t_eval", "sequence of times", "0.5"]),
     (lambda: run(t_eval=["x"]), TypeError, ["t_eval", "sequence of numbers", "'x'"]),
     (lambda: run(t_eval=[0.5, 0.2]), ValueError, ["t_eval", "increase within [0, 1]", "sort"]),
-    (lambda: run(t_eval=[0.5, 0.5]), ValueError, ["t_eval", "increase within [0, 1]"]),
+    (lambda: run(t_eval=[0.1, 0.5, 0.5]), ValueError, ["increase within [0, 1]", "0.5 and then 0.5", "give each once"]),
     (lambda: run(t_eval=[0.5, 2.0]), ValueError, ["t_eval", "increase within [0, 1]", "cut"]),
     # `np.arange(0, 0.3 + 1e-9, 0.1)` ends so
     (lambda: run(span=(0, 0.3), t_eval=[0, 3 * 0.1]), ValueError, ["[0, 0.3] s", "to 0.30000000000000004"]),

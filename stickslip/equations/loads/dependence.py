@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -12,11 +13,13 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.floats import Columns
+from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.loads.loads import TableRegions
 from stickslip.equations.loads.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14  # part of its majorant below which a sum is roundoff
+_DENSE = 1000  # entries up to which the matrix of some forms is dense
 _KEPT = 16  # values of a function that are remembered: the solver and its guards ask for the same ones
 
 # The friction force of a row, 0 where it is held, from its number, its relative velocity and normal force, the local
@@ -26,39 +29,68 @@ Friction = Callable[[int, float, float, float, Sequence[float]], float]
 
 @dataclass(frozen=True)
 class Forms:
-    """Linear forms as small arrays: ``S y[states] + P q[places]``."""
+    """Linear forms as small arrays: ``S y[states] + P q[places]``; the matrices of many forms are sparse."""
 
     states: Indices
-    S: Array
+    S: Any
     places: Indices
-    P: Array
+    P: Any
 
     @classmethod
     def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> Forms:
         """Return forms as arrays; `place` tells where an input stands."""
-        states = sorted({i for form in forms for i in form.states})
-        places = sorted({place(key) for form in forms for key in form.inputs})
-        S, P = np.zeros((len(forms), len(states))), np.zeros((len(forms), len(places)))
-        for k, form in enumerate(forms):
-            for i, c in form.states.items():
-                S[k, states.index(i)] += c
+        of_states = [dict(form.states) for form in forms]
+        of_inputs: list[dict[int, float]] = [{} for _ in forms]
+        for own, form in zip(of_inputs, forms, strict=True):
             for key, c in form.inputs.items():
-                P[k, places.index(place(key))] += c
-        return cls(np.array(states, dtype=np.intp), S, np.array(places, dtype=np.intp), P)
+                own[place(key)] = own.get(place(key), 0.0) + c
+        return cls(*_compressed(of_states), *_compressed(of_inputs))
 
     def at(self, y: Array, q: Array) -> Array:
         """Return the values of the forms, columns where `y` and `q` have columns."""
-        return self.S @ y[self.states] + self.P @ q[self.places]
+        return np.asarray(self.S @ y[self.states] + self.P @ q[self.places])
 
     def majorants(self, y: Array, q: Array) -> Array:
         """Return the majorants of the forms."""
-        return np.asarray(np.abs(self.S) @ np.abs(y[self.states]) + np.abs(self.P) @ np.abs(q[self.places]))
+        S, P = self._abs
+        return np.asarray(S @ np.abs(y[self.states]) + P @ np.abs(q[self.places]))
+
+    @cached_property
+    def _abs(self) -> tuple[Any, Any]:
+        return abs(self.S), abs(self.P)
 
     def slopes(self, states: Indices, q_by_y: Array) -> Array:
         """Return the derivatives with respect to some states, from those of the inputs."""
-        found = self.P @ q_by_y[self.places]
-        found[:, np.searchsorted(states, self.states)] += self.S
+        found: Array = self.P @ q_by_y[self.places]
+        found[:, np.searchsorted(states, self.states)] += dense(self.S)
         return found
+
+
+def _compressed(lines: Sequence[Mapping[int, float]]) -> tuple[Indices, Any]:
+    """Return the columns that occur in lines of coefficients, and the matrix of these columns."""
+    columns = sorted({column for line in lines for column in line})
+    number = {column: k for k, column in enumerate(columns)}
+    shape = len(lines), len(columns)
+    entries = [(k, number[column], c) for k, line in enumerate(lines) for column, c in line.items()]
+    rows, at, values = (list(one) for one in zip(*entries, strict=True)) if entries else ([], [], [])
+    if shape[0] * shape[1] > _DENSE:
+        return np.array(columns, dtype=np.intp), scipy.sparse.csr_array((values, (rows, at)), shape=shape)
+    matrix = np.zeros(shape)
+    matrix[rows, at] = values
+    return np.array(columns, dtype=np.intp), matrix
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Nodes that read none of each other: the numbers of functions among all nodes, and of tables among all tables.
+
+    `forms` are the arguments of the tables, and `places` the inputs that these are.
+    """
+
+    functions: list[int]
+    tables: Indices
+    forms: Forms
+    places: Indices
 
 
 class Dependence:
@@ -72,6 +104,8 @@ class Dependence:
         The arguments of each node; a table has one, at which it is looked up.
     tables : list of int
         The nodes that are tables.
+    looked_up_forms : Forms
+        The arguments of all tables.
     places, rows : array of int
         The inputs that depend on the state, and the rows among them: those whose normal forces do.
     states : array of int
@@ -102,8 +136,14 @@ class Dependence:
         self.states = np.unique(np.concatenate([forms.states for forms in parts]))
         tables = {k: node.table for k, node in enumerate(nodes) if node.table is not None}
         self.tables = list(tables)
-        self._lines = {k: np.array(table.lines) for k, table in tables.items()}
-        self._corners = {k: np.array(table.xs) for k, table in tables.items()}
+        self._table_of = {k: number for number, k in enumerate(self.tables)}
+        self._lines = [np.array(table.lines) for table in tables.values()]
+        self._corners = [np.array(table.xs) for table in tables.values()]
+        self._steepest = np.array([np.abs(lines).max(axis=0) for lines in self._lines]).reshape(-1, 2).T
+        self._layers = self._in_layers(place)
+        self.looked_up_forms = Forms.of([nodes[k].arguments[0] for k in self.tables], place)
+        self._last: tuple[TableRegions, Array] = None, np.empty((4, 0))
+        self._for_table = [self.before(self.arguments[k].places.tolist()) for k in self.tables]
         self.is_linear = len(self.tables) == len(self.nodes)
         self.width = sum(node.width for node in nodes if node.table is None)
         self.has_heat = any(node.row >= 0 for node in nodes)
@@ -117,6 +157,24 @@ class Dependence:
         """The nodes on which normal forces depend."""
         self.but_rates = frozenset(k for k, node in enumerate(self.nodes) if not node.is_rate)
         """All nodes but those that only give rates of states of blocks: a result does not show such rates."""
+
+    def _in_layers(self, place: Callable[[Key], int]) -> list[Layer]:
+        """Return the nodes in layers, each of which reads earlier ones only."""
+        depth: dict[int, int] = {}
+        layers: list[list[int]] = []
+        for number, (forms, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
+            k = max((1 + depth[at] for at in forms.places.tolist() if at in depth), default=0)
+            depth.update(dict.fromkeys(range(own.start, own.stop), k))
+            layers += [[] for _ in range(k + 1 - len(layers))]
+            layers[k].append(number)
+        found = []
+        for numbers in layers:
+            tables = [k for k in numbers if self.nodes[k].table is not None]
+            forms = Forms.of([self.nodes[k].arguments[0] for k in tables], place)
+            places = np.array([self._ranges[k].start for k in tables], dtype=np.intp)
+            numbers_of = np.array([self._table_of[k] for k in tables], dtype=np.intp)
+            found.append(Layer([k for k in numbers if self.nodes[k].table is None], numbers_of, forms, places))
+        return found
 
     def before(self, places: Iterable[int]) -> frozenset[int]:
         """Return the nodes on which inputs depend, at once or by way of others."""
@@ -134,28 +192,58 @@ class Dependence:
 
     def looked_up(self, q: Array, y: Array) -> Array:
         """Return what each table is looked up at, a line each, from inputs that have been filled."""
-        found = [self.arguments[k].at(y, q)[0] for k in self.tables]
-        return np.array(found).reshape(len(found), *y.shape[1:])
+        return self.looked_up_forms.at(y, q)
+
+    def looked_up_by(self, number: int, q: Array, y: Array) -> float:
+        """Return what one table is looked up at, from inputs that have been filled."""
+        return float(self.arguments[self.tables[number]].at(y, q)[0])
+
+    def for_table(self, number: int) -> frozenset[int]:
+        """Return the nodes on which the argument of one table depends."""
+        return self._for_table[number]
 
     def argument_majorants(self, q: Array, y: Array) -> Array:
         """Return the majorant of the argument of each table, from inputs that have been filled."""
-        return np.array([self.arguments[k].majorants(np.abs(y), np.abs(q))[0] for k in self.tables])
+        return self.looked_up_forms.majorants(y, q)
 
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""
-        return int(np.searchsorted(self._corners[self.tables[number]], x, side="right"))
+        return int(np.searchsorted(self._corners[number], x, side="right"))
 
     def borders(self, number: int, region: int) -> tuple[float, float]:
         """Return between which values a region of a table lies."""
-        corners = self._corners[self.tables[number]]
+        corners = self._corners[number]
         low = float(corners[region - 1]) if region > 0 else -math.inf
         return low, float(corners[region]) if region < corners.size else math.inf
 
-    def _line(self, k: int, x: Array, regions: TableRegions) -> Array:
-        """Return offset and slope of a table, a line per value where its region is not given."""
+    def all_borders(self, regions: TableRegions) -> Array:
+        """Return between which values the region of each table lies: two lines."""
+        return self._in_regions(regions)[2:]
+
+    def _in_regions(self, regions: TableRegions) -> Array:
+        """Return offset, slope and both borders of each table in its region: four lines."""
+        last, found = self._last
+        if last is not regions:
+            assert regions is not None
+            each = [(*self._lines[k][i], *self.borders(k, i)) for k, i in enumerate(regions)]
+            found = np.array(each).reshape(-1, 4).T
+            self._last = regions, found
+        return found
+
+    def _lines_of(self, tables: Indices, x: Array, regions: TableRegions) -> tuple[Array, Array]:
+        """Return the offsets and slopes of tables that are looked up at `x`, a line each."""
         if regions is not None:
-            return np.asarray(self._lines[k][regions[self.tables.index(k)]])
-        return np.asarray(self._lines[k][np.searchsorted(self._corners[k], x, side="right")].T)
+            offset, slope = self._in_regions(regions)[:2, tables]
+            return (offset, slope) if x.ndim == 1 else (offset[:, None], slope[:, None])
+        at = [np.searchsorted(self._corners[k], one, side="right") for k, one in zip(tables, x, strict=True)]
+        offset, slope = np.stack([self._lines[k][i].T for k, i in zip(tables, at, strict=True)], axis=1)
+        return offset, slope
+
+    def _line(self, number: int, x: Array, regions: TableRegions) -> tuple[float, float]:
+        """Return offset and slope of the table that a node is."""
+        own = np.array([self._table_of[number]])
+        offset, slope = self._lines_of(own, np.atleast_1d(x), regions)
+        return float(offset[0]), float(slope[0])
 
     def steepest(self, inputs: int, size: int) -> Any:
         """Return how strongly states can change inputs at most by tables and sums, as a sparse matrix of sizes."""
@@ -169,8 +257,8 @@ class Dependence:
                 for column, of_other in rows.get(other, {}).items():
                     found[column] = found.get(column, 0.0) + slope * c * of_other
 
-        for k in self.tables:
-            enter(self._ranges[k].start, self.arguments[k], 0, float(np.abs(self._lines[k][:, 1]).max()))
+        for k, slope in zip(self.tables, self._steepest[1].tolist(), strict=True):
+            enter(self._ranges[k].start, self.arguments[k], 0, slope)
         for line, row in enumerate(self.rows.tolist()):
             enter(row, self._normals, line, 1.0)
         entries = [(place, column, c) for place, row in rows.items() for column, c in row.items()]
@@ -270,26 +358,32 @@ class Dependence:
         slow: only the nodes `wanted` are computed, None for all. Each table follows the line of its region, also beyond
         its borders; without `regions`, the line at its argument.
         """
-        for number, (node, forms, own) in enumerate(zip(self.nodes, self.arguments, self._ranges, strict=True)):
-            if wanted is not None and number not in wanted:
-                continue
-            arguments = forms.at(y, q)
-            if node.table is not None:
-                offset, slope = self._line(number, arguments[0], regions)
-                q[own] = offset + slope * arguments[0]
-                continue
-            if q.ndim == 1 and node.row < 0:
-                q[own] = self._called(number, t, tuple(arguments.tolist()))
-            elif q.ndim == 1:
-                q[own] = _power(node, arguments, tau, friction)
-            elif node.row < 0:
-                given = zip(t.tolist(), arguments.T.tolist(), strict=True)
-                q[own] = np.array([self._called(number, time, tuple(x)) for time, x in given]).T
-            else:
-                for k in range(q.shape[1]):
-                    q[own, k] = _power(node, arguments[:, k], float(tau[k]), friction)
+        for layer in self._layers:
+            if layer.tables.size:
+                self._enter_tables(layer, q, y, 1.0, regions)
+            for number in layer.functions:
+                if wanted is None or number in wanted:
+                    q[self._ranges[number]] = self._computed(number, q, y, t, tau, friction)
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
+
+    def _computed(self, number: int, q: Array, y: Array, t: Any, tau: Any, friction: Friction | None) -> Any:
+        """Return the values of a function, columns where there are many times."""
+        node, arguments = self.nodes[number], self.arguments[number].at(y, q)
+        if q.ndim == 1:
+            if node.row < 0:
+                return self._called(number, t, tuple(arguments.tolist()))
+            return _power(node, arguments, tau, friction)
+        if node.row < 0:
+            given = zip(t.tolist(), arguments.T.tolist(), strict=True)
+            return np.array([self._called(number, time, tuple(x)) for time, x in given]).T
+        return [_power(node, arguments[:, k], float(tau[k]), friction) for k in range(q.shape[1])]
+
+    def _enter_tables(self, layer: Layer, q: Array, y: Array, one: Any, regions: TableRegions) -> None:
+        """Enter the values of the tables of a layer, in place; their offsets are multiples of `one`."""
+        x = layer.forms.at(y, q)
+        offset, slope = self._lines_of(layer.tables, x, regions)
+        q[layer.places] = slope * x + offset * one
 
     def add_linear(self, q: Array, y: Array, regions: TableRegions) -> None:
         """Enter the inputs that depend linearly on the state, in place; columns where `q` and `y` have columns.
@@ -297,18 +391,17 @@ class Dependence:
         `q` and `y` may be values, rates, Taylor coefficients or maps: offsets of tables are multiples of the last
         input, the constant 1.
         """
-        for k in self.tables:
-            x = self.arguments[k].at(y, q)[0]
-            offset, slope = self._line(k, x, regions)
-            q[self._ranges[k]] = slope * x + offset * q[-1]
+        for layer in self._layers:
+            if layer.tables.size:
+                self._enter_tables(layer, q, y, q[-1], regions)
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
     def enter_table_majorants(self, q: Array, y: Array) -> Array:
         """Make the majorants `q` of inputs, in place, no less in a table than in its argument, by its slope."""
-        for k in self.tables:
-            steepest = np.abs(self._lines[k][:, 1]).max()
-            q[self._ranges[k]] = np.maximum(q[self._ranges[k]], steepest * self.arguments[k].majorants(y, q))
+        for layer in self._layers:
+            own = self._steepest[1, layer.tables] * layer.forms.majorants(y, q).T
+            q[layer.places] = np.maximum(q[layer.places], own.T)
         return q
 
     def add_majorants(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
@@ -317,14 +410,16 @@ class Dependence:
         `slopes` are the derivatives of functions with respect to their arguments, None where all are tables, and
         `values` the inputs themselves, None for their rates.
         """
-        for k, (forms, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
-            sizes = forms.majorants(y, q)
-            if slopes is not None:
+        if slopes is None:
+            for layer in self._layers:
+                offset, slope = self._steepest[:, layer.tables]
+                sizes = layer.forms.majorants(y, q)
+                q[layer.places] += slope * sizes + (0.0 if values is None else offset)
+        else:
+            for by_arguments, forms, own in zip(slopes, self.arguments, self._ranges, strict=True):
                 # the majorant of a function is not known: no less than its value
-                q[own] += np.abs(slopes[k]) @ sizes + (0.0 if values is None else np.abs(values[own]))
-                continue
-            offset, slope = np.abs(self._lines[k]).max(axis=0)
-            q[own] += slope * sizes + (0.0 if values is None else offset)
+                sizes = np.abs(by_arguments) @ forms.majorants(y, q)
+                q[own] += sizes + (0.0 if values is None else np.abs(values[own]))
         if self.rows.size:
             q[self.rows] += self._normals.majorants(y, q)
 
@@ -345,7 +440,7 @@ class Dependence:
         """Return majorants of the arguments of tables, from those of the states; functions are left out."""
         q, slopes = np.zeros(inputs), []
         for k, node in enumerate(self.nodes):
-            steepest = np.abs(self._lines[k][:, 1]).max() if k in self._lines else 0.0
+            steepest = self._steepest[1, self._table_of[k]] if node.table is not None else 0.0
             slopes.append(np.full((node.width, len(node.arguments)), steepest))
         self.add_majorants(q, y, slopes, None)
         return self.argument_majorants(q, y)
