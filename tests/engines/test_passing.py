@@ -73,6 +73,10 @@ def test_nor_where_a_scene_begins_much_slower(options: dict[str, Any]) -> None:
     )
     result = simulate(scene, (0.0, 7.5), rtol=1e-9, atol=1e-11, **options)
     assert [(e.contact, round(e.t, 9)) for e in result.events] == [("c", 0.5)]
+    late = result.sample(301)
+    exact = 0.3 / math.pi * (1 - np.cos(2 * math.pi * late.t))
+    np.testing.assert_allclose(late.velocity("b"), exact, rtol=0, atol=3e-8)
+    np.testing.assert_allclose(late.velocity("slow"), np.maximum(1e-3 - 2e-3 * late.t, 0.0), rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("rtol", TOLERANCES)
@@ -83,6 +87,9 @@ def test_nor_does_a_freewheel_stick_where_it_touches_rest(options: dict[str, Any
     scene = Scene(Body("b", inertia=2.0), Contact("wheel", "b", GROUND, law, normal=10.0), Force("b", sine(1.2, 1.0)))
     result = simulate(scene, (0.0, 7.5), rtol=rtol, atol=1e-2 * rtol, **options)
     assert result.events == []
+    late = result.sample(301)
+    exact = 0.3 / math.pi * (1 - np.cos(2 * math.pi * late.t))
+    np.testing.assert_allclose(late.velocity("b"), exact, rtol=0, atol=1e-12 + 30 * rtol)
 
 
 @pytest.mark.parametrize("rtol", TOLERANCES)

@@ -181,8 +181,11 @@ def test_columns_that_cannot_vanish_are_left_out() -> None:
     for many in (1, 20):
         close, bernstein = may_vanish(np.tile(c, many))
         assert not np.isin(close % 5, (0, 2)).any() and (close % 5 == 1).sum() == many
-        np.testing.assert_allclose(bernstein[:, 0], [1.0, 0.0, -1.0], atol=1e-15)
+        # those of a parabola are c0, c0 + c1 / 2 and c0 + c1 + c2
+        by_hand = np.array([[1.0, 1.0, 1.0, 0.5, 1.0], [1.0, 0.0, 0.55, 0.0, -0.5], [1.0, -1.0, 0.05, 0.5, 1.0]])
+        np.testing.assert_allclose(bernstein, by_hand[:, close % 5], atol=1e-15)
     assert may_vanish(c[:, [0, 2]])[0].size == 0
+    assert [first_root(one) for one in c.T] == [None, pytest.approx(0.5, rel=1e-15), None, None, None]
 
 
 @settings(deadline=None)

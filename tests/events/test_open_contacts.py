@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from contextlib import nullcontext
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
@@ -105,8 +107,17 @@ def test_it_turns_over_twice_between_computed_points() -> None:
     )
     loose, fine = (simulate(scene, (0.0, 40.0), rtol=rtol, atol=rtol) for rtol in (1e-4, 1e-10))
     assert told(loose) == told(fine)
-    assert len(fine.events) > 10
     assert [e.t for e in loose.events] == pytest.approx([e.t for e in fine.events], abs=1e-2)
+    # v = A w cos(w t) + (0.3 - A w) cos t with w = 2 pi / 3 and A = 0.5 / (1 - w^2): its roots, by bisection
+    w = 2 * math.pi / 3
+    swing = 0.5 * w / (1 - w**2)
+
+    def v(t: float) -> float:
+        return swing * math.cos(w * t) + (0.3 - swing) * math.cos(t)
+
+    turns = [brentq(v, a, b, xtol=1e-13) for a, b in pairwise(np.linspace(0.0, 40.0, 4001)) if v(a) * v(b) < 0]
+    assert len(turns) > 10
+    assert [e.t for e in fine.events] == pytest.approx(turns, abs=1e-8)
 
 
 def test_where_nothing_else_happens_no_root_is_looked_for() -> None:
@@ -142,7 +153,10 @@ def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(normal:
         Contact("second", "hub", "b", law, normal=100.0),
         Contact("brake", "a", GROUND, law, normal=normal),
     )
-    assert not simulate(scene, (0.0, 2.0), formulation=formulation).events
+    result = simulate(scene, (0.0, 2.0), formulation=formulation)
+    assert not result.events
+    for body, place in (("hub", -0.157), ("a", 0.027), ("b", -0.078)):
+        np.testing.assert_allclose(result.position(body), place, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -262,6 +276,11 @@ def test_it_is_named_after_a_motion_that_starts_slowly(formulation: str) -> None
     result = simulate(scene, (0.0, 0.9), t_eval=[0.0, 0.4, 0.8], formulation=formulation)
     assert not result.events
     assert result.mode("open").tolist() == [1, 1, 1]
+    # 2 v is that of both less that of the stretch of the spring, ``r'' + 20 r = sin(w t)``
+    w, t = 2 * math.pi * 0.2, result.t
+    stretches = w / (20 - w**2) * (np.cos(w * t) - np.cos(math.sqrt(20) * t))
+    exact = 0.5 * ((1 - np.cos(w * t)) / w - stretches)
+    np.testing.assert_allclose(result.velocity("b"), exact, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -313,6 +332,7 @@ def test_it_moves_whatever_the_unit_of_time(time: float, method: str) -> None:
     )
     result = simulate(scene, (0.0, time), method=method)
     assert set(result.mode("open").tolist()) == {1}
+    assert result.velocity("b")[-1] * time == pytest.approx(2.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
@@ -401,6 +421,9 @@ def test_a_contact_that_holds_nothing_opens_at_rest(options: dict[str, Any]) -> 
     assert told(result) == []
     assert result.mode("c")[-1] == 0
     assert result.force("c")[-1] == 0.0
+    assert not result.velocity("block").any()
+    at = result.sample([0.5, 15 / 17, 2.0])
+    np.testing.assert_allclose(at.normal("c"), [1.5 - 1.7 * 0.5, 0.0, 0.0], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from bisect import bisect_left, bisect_right
 from itertools import pairwise
 from typing import Any
 
@@ -187,10 +188,15 @@ def test_within_a_time_span_a_function_is_called_there_only() -> None:
 
 def test_sums_and_clipped_signals_keep_within_the_time_span_too() -> None:
     total = (signal(inside) + sine(1.0, 1.0) - 1.0).within(0.0, 2.0)
-    assert math.isfinite(total(-1e-5) + total(2.0 + 1e-5) + total.slope(0.0) + total.slope(2.0))
+    # beyond the span the polynomial goes on
+    for t in (-1e-5, 2.0 + 1e-5):
+        assert total(t) == pytest.approx(3.0 * t * t + 2.0 * t + math.sin(2 * math.pi * t) - 1.0, rel=1e-12)
+    for t in (0.0, 2.0):
+        assert total.slope(t) == pytest.approx(6.0 * t + 2.0 + 2 * math.pi, rel=1e-8)
     cut = (signal(inside) - 1.0).clipped(0.0, 2.0)
     assert cut.breaks(0.0, 2.0) == pytest.approx((1 / 3,), rel=1e-15)
-    assert math.isfinite(cut(2.0 + 1e-5) + cut.slope(2.0) + cut.slope(0.0))
+    assert cut(2.0 + 1e-5) == pytest.approx(3.0 * (2.0 + 1e-5) ** 2 + 2.0 * (2.0 + 1e-5) - 1.0, rel=1e-12)
+    assert cut.slope(2.0) == pytest.approx(14.0, rel=1e-8) and cut.slope(0.0) == 0.0
     above = (signal(inside) + 1.0).clipped(0.0, 2.0)
     assert above.slope(0.0) == pytest.approx(2.0)
     assert (BRAKE.within(0.0, 2.0), sine(1, 1).within(0.0, 2.0)) == (BRAKE, sine(1, 1))
@@ -287,9 +293,23 @@ def test_the_sum_of_lines_is_their_sum_at_every_time(a: PiecewiseLinear, b: Piec
     assert set(total.breaks(-99, 99)) <= {*a.times, *b.times}
 
 
+def from_point_to_point(s: PiecewiseLinear, i: int, t: float) -> tuple[float, float]:
+    """Value at t and slope of the line from point i on; before the first point and after the last one it is level."""
+    if not 0 <= i < len(s.times) - 1:
+        return s.values[min(max(i, 0), len(s.times) - 1)], 0.0
+    slope = (s.values[i + 1] - s.values[i]) / (s.times[i + 1] - s.times[i])
+    return s.values[i] + slope * (t - s.times[i]), slope
+
+
 @settings(deadline=None)
 @given(lines(), st.floats(-25, 25))
 def test_lines_agree_with_interpolation_between_jumps(s: PiecewiseLinear, t: float) -> None:
+    """At a jump value and slope are those of the line that begins there, `before` is the value of the one that ends."""
+    for at in (t, *s.times):
+        value, slope = from_point_to_point(s, bisect_right(s.times, at) - 1, at)
+        assert s(at) == pytest.approx(value, abs=1e-11)
+        assert s.slope(at) == pytest.approx(slope, abs=1e-9)
+        assert s.before(at) == pytest.approx(from_point_to_point(s, bisect_left(s.times, at) - 1, at)[0], abs=1e-11)
     if len(set(s.times)) == len(s.times):
         assert s(t) == pytest.approx(np.interp(t, s.times, s.values), abs=1e-11)
 
@@ -349,7 +369,8 @@ def test_points_hidden_below_zero_do_not_break() -> None:
     cut = piecewise_linear([0, 1, 2, 3, 4], [1, -1, -2, -1, 1]).clipped(0, 4)
     assert cut.breaks(0, 4) == (0.5, 3.5)
     hidden = (sine(0.1, 1.0) + piecewise_linear([0, 1, 2, 3, 4], [1, -1, -2, -1, 1])).clipped(0, 4)
-    assert len(hidden.breaks(0, 4)) == 2
+    # at 0.5 and 3.5 s the sine is 0, too
+    assert hidden.breaks(0, 4) == pytest.approx((0.5, 3.5), rel=1e-15)
 
 
 def test_a_clipped_sine_has_exact_zero_times() -> None:
@@ -402,9 +423,9 @@ def test_clipping_heeds_jumps_across_zero() -> None:
 
 def test_clipping_heeds_a_zero_at_a_break() -> None:
     cut = (sine(1.0, 1.0) + step(0.5, 0.0, 1.0) + step(1.5, 0.0, -1.0)).clipped(0.0, 2.0)
-    kinks = cut.breaks(0.0, 2.0)
-    assert kinks[0] == 0.5
-    assert min(np.diff(kinks)) > 1e-6
+    # from the one break to the other the wave is 1 higher and only touches 0; after the other it is negative
+    assert cut.breaks(0.0, 2.0) == (0.5, 1.5)
+    assert [cut(t) for t in (0.25, 0.5, 1.0, 1.25, 1.5, 1.75)] == pytest.approx([1, 1, 1, 2, 0, 0], abs=1e-15)
 
 
 def test_a_clipped_function() -> None:

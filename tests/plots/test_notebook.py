@@ -47,3 +47,5 @@ def test_a_result_without_times_says_so():
     scene = flywheel_benchmark()
     page = Checked(simulate(scene, (0.0, 1.0), t_eval=[])._repr_html_())
     assert page.images == 0
+    # the first text is the style; nothing but the message follows
+    assert [text for text in page.text if text.strip()][1:] == ["the end of the time span was reached"]

@@ -293,13 +293,26 @@ def test_a_normal_force_that_depends_on_its_own_power_is_a_loop() -> None:
         simulate(scene, (0.0, 1.0))
 
 
-def test_loops_through_states_and_samples_run() -> None:
+@pytest.mark.parametrize("way", WAYS)
+def test_loops_through_states_and_samples_run(way: dict[str, Any]) -> None:
+    """Between two samples b is held: a comes nearer to it by the factor exp(-0.1), and a pushes the body."""
     scene = loop(
         StateSpace("a", -1.0, 1.0, 1.0, inputs=[output("b")], states=[1.0]),
         Sampled("b", period=0.1, inputs=[output("b"), output("a")], output=lambda t, x, u: 0.5 * u[0] - 0.1 * u[1]),
         load=output("a"),
     )
-    assert simulate(scene, (0.0, 1.0)).success
+    result = simulate(scene, (0.0, 1.0), rtol=1e-10, **way)
+    a, b, v, shrinks = 1.0, 0.0, 0.0, math.exp(-0.1)
+    for _ in range(10):
+        b = 0.5 * b - 0.1 * a
+        # a goes on as b + (a - b) exp(-s) for 0.1 s: the body gains its integral
+        v += 0.1 * b + (a - b) * (1 - shrinks)
+        a = b + (a - b) * shrinks
+    tolerance = 1e-13 if result.stats["engine"] == "Taylor series" else 1e-8
+    at = result.sample([0.95, 1.0])
+    assert at.output("b")[0] == pytest.approx(b, abs=tolerance)
+    assert at.output("a")[1] == pytest.approx(a, abs=tolerance)
+    assert at.velocity("m")[1] == pytest.approx(v, abs=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -415,6 +428,31 @@ def test_cut_runs_of_controllers_go_on(number: int, whole: Result) -> None:
     assert abs(parts[-1].output("pi")[-1] - whole.output("pi")[-1]) < 1e-11
 
 
+def by_hand_from_sample_to_sample() -> tuple[list[tuple[float, int]], float, float]:
+    """Return the changes of mode, the last position and the last velocity of the body under the controller of 1 kHz.
+
+    Between two samples the push and the friction are constant: the body goes along a parabola, or it rests.
+    """
+    changes, mode, x, v, state = list[tuple[float, int]](), 0, 0.0, 0.0, 0.0
+    for k in range(6000):
+        t, left = 1e-3 * k, 1e-3
+        error = (1 - math.cos(2 * math.pi * t)) / (2 * math.pi) - x
+        push = 30.0 * error - 6.0 * v + 40.0 * state
+        state += 1e-3 * error
+        while left > 0:
+            if mode == 0 and abs(push) > 1.5:
+                mode = 1 if push > 0 else -1
+                changes.append((t, mode))
+            a = push - mode if mode else 0.0
+            stops = -v / a if v * a < 0 else math.inf
+            h = min(left, stops)
+            x, v, t, left = x + v * h + a * h * h / 2, v + a * h, t + h, left - h
+            if h == stops:
+                mode, v = (0 if abs(push) <= 1.5 else -mode), 0.0
+                changes.append((t, mode))
+    return changes, x, v
+
+
 @pytest.mark.slow
 def test_a_controller_of_1_khz_is_called_once_for_each_sample() -> None:
     calls = [0]
@@ -439,7 +477,12 @@ def test_a_controller_of_1_khz_is_called_once_for_each_sample() -> None:
     )
     result = simulate(scene, (0.0, 6.0))
     assert calls[0] == result.stats["samples"] == 6_000
-    assert len(result.events) > 10
+    changes, x, v = by_hand_from_sample_to_sample()
+    assert len(changes) > 10
+    assert [int(event.after) for event in result.events] == [after for _, after in changes]
+    np.testing.assert_allclose([event.t for event in result.events], [t for t, _ in changes], rtol=0, atol=1e-9)
+    assert result.position("m")[-1] == pytest.approx(x, abs=1e-9)
+    assert result.velocity("m")[-1] == pytest.approx(v, abs=1e-9)
 
 
 def test_more_samples_than_anyone_waits_for_are_refused() -> None:

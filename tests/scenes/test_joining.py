@@ -152,6 +152,10 @@ def test_an_open_contact_at_the_event_of_another_part(formulation: str, outputs:
         result = simulate(scene, (0.0, 1.0), t_eval=outputs, dense_output=dense, formulation=formulation)
         assert result.mode("cb").tolist() == [1] * len(outputs), dense
         assert result.mode("ca").tolist() == [0 if t >= 0.5 else 1 for t in outputs]
+        assert [(e.contact, int(e.after)) for e in result.events] == [("cb", 1), ("ca", 0)]
+        assert [e.t for e in result.events] == pytest.approx([0.25, 0.5], abs=1e-9)
+        assert result.velocity("b") == pytest.approx([4.0 * t - 1.0 for t in outputs], abs=1e-9)
+        assert result.velocity("a") == pytest.approx([max(1.0 - 2.0 * t, 0.0) for t in outputs], abs=1e-9)
 
 
 @pytest.mark.parametrize("method", ["series", "BDF"])

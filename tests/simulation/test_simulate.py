@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reading import times, told
+from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
@@ -141,9 +142,11 @@ def test_relaxation_keeps_holding_below_breakaway() -> None:
 
 @pytest.mark.parametrize("margin", [1e-3, 1e-5])
 def test_relaxation_margin_is_the_velocity_found_at(margin: float) -> None:
+    """The relative velocity is exp(-4.5 t)."""
     result = simulate(relaxing(0.0), (0.0, 10.0), velocity_margin=margin)
     (event,) = result.events
     assert event.cause == "relaxation"
+    assert event.t == pytest.approx(-math.log(margin) / 4.5, rel=1e-9)
     first = result.t.searchsorted(event.t, side="left")
     # the velocities of the two bodies are of the order of 1: their difference has the roundoff of these
     assert 0 < result.relative_velocity("c")[first] <= margin + 1e-15
@@ -212,8 +215,11 @@ def test_without_a_velocity_margin_relaxation_is_never_found() -> None:
         Contact("c", "a", GROUND, DryFriction(mu_static=0.5, mu_coulomb=0.0), normal=10.0),
     )
     options: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-200}
-    assert not simulate(scene, (0.0, 20.0), velocity_margin=0.0, **options).events
+    never = simulate(scene, (0.0, 20.0), velocity_margin=0.0, **options)
+    assert not never.events
+    assert never.sample([5.0]).velocity("a")[0] == pytest.approx(math.exp(-15.0), rel=1e-7)
     (event,) = simulate(scene, (0.0, 20.0), velocity_margin=1e-6, **options).events
+    assert event.t == pytest.approx(math.log(1e6) / 3, rel=1e-7)
     assert event.cause == "relaxation"
 
 
@@ -491,6 +497,9 @@ def test_a_breakaway_under_a_curved_normal_force_late_in_time_is_settled_at_once
         )
         result = simulate(scene, (start, start + 3.0))
         assert [event.after for event in result.events if event.contact == "floor"][:2] == [1, 0]
+        # the spring pulls with 10 (t - start), the level is 0.3 N
+        pull = brentq(lambda s, load=normal, start=start: 10 * s - 0.3 * load(start + s), 0.0, 1.0, xtol=1e-14)
+        assert result.events[0].t == pytest.approx(start + pull, abs=1e-12)
         assert result.stats["restarts"] < 20
 
 
