@@ -18,6 +18,8 @@ from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
+_CANCELLED = 8 * np.finfo(float).eps  # part of its majorant below which a rate is roundoff
+
 
 class Expansion:
     """Taylor coefficients ``scale^k f^(k) / k!`` of states, inputs and watched quantities, one row per order.
@@ -405,6 +407,10 @@ class Motion(Inputs):
             found = equations.apply(ys[k])
             if act[k]:
                 found += responses[k] if linked is None else equations.respond(linked.part(k, ys[k]))
+            if not k:
+                # Rates that cancel but for roundoff are 0. A scene in equilibrium would be followed in small steps.
+                majorants = equations.majorants(np.abs(y), np.abs(q[0]))[0]
+                found[:size][np.abs(found[:size]) <= _CANCELLED * majorants] = 0.0
             zs[k] = found[size:]
             if k == order:
                 break

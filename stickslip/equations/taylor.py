@@ -10,6 +10,7 @@ them, for every motion in the same modes. Inputs that depend linearly on the sta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import accumulate
 
@@ -23,7 +24,10 @@ ORDER = 18  # order up to which motions that are no polynomials are expanded
 # Entries for each order up to which a map is made: modes of larger scenes seldom come back often enough to pay for it.
 _MOST_ENTRIES = 1_000
 _QUICKLY_MADE = 10_000  # entries of a matrix that takes no longer to make than to do without it a few times
-_LARGEST_PRODUCT = 1e12  # products of rate and step beyond which powers of them may overflow
+# Products of rate and step up to which a map is good. It gives each coefficient by a sum of its own: where the terms
+# cancel, as in an equilibrium, coefficients are roundoff times the powers of this product over k!, and no motion.
+_LONGEST = 8.0
+_LARGEST_PRODUCT = 1e12  # the same product, but with the unit of time, beyond which powers of it may overflow
 
 
 def is_small(system: System, rows: int, sines: int) -> bool:
@@ -87,6 +91,9 @@ class TaylorMap:
             ]
         )
         later = _terms(N / self._pace, order)
+        # the root of a high power hardly depends on units
+        power = np.abs(later[:size].reshape(size, order, -1)[:, -1]).sum(axis=1).max(initial=0.0)
+        self._rate = self._pace * (float(power) * math.factorial(order)) ** (1.0 / order)
         q = given @ later
         y = consistent(later[:size], system.drive_velocities(q))
         y, q = np.hstack([x[:size], y]), np.hstack([given, q])
@@ -98,8 +105,8 @@ class TaylorMap:
         self.order, self._orders = order, np.arange(order + 1)
 
     def reaches(self, scale: float) -> bool:
-        """Tell whether the coefficients for steps of this length in s can be computed without overflow."""
-        return self._pace * scale < _LARGEST_PRODUCT
+        """Tell whether roundoff stays small in the coefficients for steps of this length in s."""
+        return self._rate * scale <= _LONGEST and self._pace * scale < _LARGEST_PRODUCT
 
     def coefficients(self, x: Array, scale: float, order: int) -> Array:
         """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards side by side.

@@ -166,7 +166,8 @@ def test_a_still_scene_has_no_error():
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("stiffness", [0.0, 1e3])
 def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness: float):
-    # these forces add up to 6e-17 N; a body without inertia has no energy
+    # these forces add up to 6e-17 N, which the series takes for nothing where a spring lets it look
+    # further ahead; a body without inertia has no energy
     scene = Scene(
         Body("a", inertia=1.0),
         Body("b", inertia=2.0),
@@ -176,7 +177,8 @@ def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness
         *(Force("b", force) for force in (0.1, 0.2, -0.3)),
     )
     ledger = energy(simulate(scene, (0.0, 10.0), **options))
-    assert 0 < np.abs(ledger.stored).max() < 1e-28
+    assert np.abs(ledger.stored).max() < 1e-28
+    assert ledger.stored.any() == bool(options or not stiffness)
     assert ledger.relative_error < 1e-2
     assert "at the start 0 stored" in str(ledger)
 

@@ -1,0 +1,90 @@
+"""Scenes in equilibrium: forces that cancel but for roundoff move nothing, however long a run is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Force, Gear, Mode, Scene, Spring, simulate
+
+LONG = 1e4  # span in s: thousands of periods of all springs here
+
+
+def hung(stiffness: float, rest: float, position: float, damping: float = 0.0) -> Scene:
+    """A body whose load is the force of its spring, as computed here."""
+    return Scene(
+        Body("m", inertia=1.3, position=position),
+        Spring("m", GROUND, stiffness=stiffness, rest=rest, damping=damping),
+        Force("m", stiffness * (position - rest)),
+    )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_what_hangs_at_rest_stays_there(seed: int) -> None:
+    """The load of a spring is rounded, and so is its force: they differ by 1e-16 of each at most."""
+    rng = np.random.default_rng(seed)
+    stiffness = round(rng.uniform(1.0, 300.0), int(rng.integers(0, 3)))
+    rest, position = (round(x, 1) for x in rng.uniform(-1.0, 1.0, 2))
+    result = simulate(hung(stiffness, rest, position, damping=1.5 * (seed % 2)), (0.0, LONG))
+    assert result.stats["engine"] == "Taylor series"
+    assert np.all(result.velocity("m") == 0.0)
+    assert np.all(result.position("m") == position)
+    assert result.stats["steps"] == 1
+
+
+@pytest.mark.parametrize("amplitude", [1e-6, 1e-9, 1e-12])
+def test_small_motions_about_an_equilibrium_are_motions(amplitude: float) -> None:
+    """x = x0 + a cos(omega t) with omega^2 = 20 / 1.3: roundoff is that of the position 0.3."""
+    scene = hung(20.0, 0.4, -0.3)
+    moved = Scene(Body("m", inertia=1.3, position=-0.3 + amplitude), *scene.elements[1:])
+    t = np.linspace(0.0, 100.0, 501)
+    found = simulate(moved, (0.0, 100.0)).sample(t).position("m") + 0.3
+    exact = (-0.3 + amplitude + 0.3) * np.cos(np.sqrt(20.0 / 1.3) * t)
+    assert np.abs(found - exact).max() < 1e-14
+
+
+@pytest.mark.parametrize("span", [20.0, 100.0, LONG])
+@pytest.mark.parametrize("mu, normal, stiffness", [(0.3, 10.0, 20.0), (0.6, 7.0, 14.0), (0.2, 10.0, 2e5)])
+def test_a_block_slides_steadily_on_a_belt(mu: float, normal: float, stiffness: float, span: float) -> None:
+    """At x = mu N / k the spring balances the friction of the belt."""
+    place = mu * normal / stiffness
+    scene = Scene(
+        Body("block", inertia=1.0, position=place),
+        Drive("belt", velocity=2.0),
+        Contact("rub", "block", "belt", DryFriction(mu, mu), normal=normal),
+        Spring("block", GROUND, stiffness=stiffness),
+    )
+    result = simulate(scene, (0.0, span))
+    assert np.all(result.velocity("block") == 0.0)
+    assert np.all(result.position("block") == place)
+    assert not result.events
+    assert set(result.mode("rub")) == {Mode.BACKWARD}
+    assert result.stats["steps"] == 1
+
+
+def train(*more: Any) -> Scene:
+    """Two cars and a geared wheel that roll on at 0.1 m/s with slack couplings."""
+    return Scene(
+        Body("a", inertia=1.0, position=-0.3, velocity=0.1),
+        Body("b", inertia=2.3, position=0.37, velocity=0.1),
+        Body("wheel", inertia=0.7, velocity=0.05),
+        Gear("mesh", "wheel", "b", ratio=0.5),
+        Spring("a", "b", stiffness=3e4, rest=-0.67, damping=20.0),
+        Damper("a", "b", damping=7.0),
+        *more,
+    )
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_what_rolls_on_rolls_on(steady: bool) -> None:
+    """Free cars keep 0.1 m/s; with a drag of 2 N s/m on each, a pull of 0.4 N keeps that velocity.
+
+    The stiff coupling feels the roundoff of positions of 10 m, 1e-15 m: at 200 rad/s this is 2e-13 m/s in each step.
+    """
+    balance = [Damper("a", GROUND, damping=2.0), Damper("b", GROUND, damping=2.0), Force("a", 0.2), Force("b", 0.2)]
+    result = simulate(train(*balance) if steady else train(), (0.0, 100.0))
+    for name, speed in (("a", 0.1), ("b", 0.1), ("wheel", 0.05)):
+        assert np.abs(result.velocity(name) - speed).max() < 1e-11
+    assert result.position("a")[-1] == pytest.approx(9.7, abs=1e-12)
