@@ -456,7 +456,8 @@ class System:
         `majorants` are those of the inputs and of the states, columns or one column for all times.
         """
         self._only_observed.fill(q, y, t, taus, friction)
-        of_inputs = self._only_observed.enter_table_majorants(np.maximum(np.abs(q), majorants[0]), majorants[1])
+        largest = np.maximum(np.abs(q), majorants[0])
+        of_inputs = self._only_observed.enter_majorants(largest, majorants[1], q, y)
         return self._observed.at(y, q), self._observed.majorants(majorants[1], of_inputs)
 
     def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:

@@ -19,6 +19,7 @@ import numpy as np
 from stickslip.model.arrays import Array
 from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
+from stickslip.model.slopes import slope_by_differences
 
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6  # looking for zeros in this many periods takes half a minute
@@ -398,12 +399,10 @@ class Function(Signal):
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
         ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
-        if min(behind, ahead) > h:
-            left, right = t - h, t + h
-            return (self.at(right) - self.at(left)) / (right - left)
+        if min(behind, ahead) > 2 * h:
+            return float(slope_by_differences(self.at, t, h, -2 * h))
         h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
-        h = (t + h) - t
-        return (4 * self.at(t + h) - 3 * self.at(t) - self.at(t + 2 * h)) / (2 * h) if h else 0.0
+        return float(slope_by_differences(self.at, t, h, 2 * h))
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the given breaks between `start` and `stop`."""

@@ -310,7 +310,8 @@ def _response(motion: Motion, dy: Array, dq: Array) -> _Response:
         w, normal, _, z = terms
         of_normal, rates_of_normal = law.by_normal(*terms)
         own = rows[law.bristles]
-        change = law.slopes(*terms)[:, None] * relative[rows] + of_normal[:, None] * dq[rows]
+        slopes = law.slopes(*terms) + law.slope_cut(w, normal)
+        change = slopes[:, None] * relative[rows] + of_normal[:, None] * dq[rows]
         if own.size:
             places = equations.bristle_places
             change[law.bristles] += law.by_bristle(w, normal, z)[:, None] * dy[places]

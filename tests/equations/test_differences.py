@@ -1,4 +1,4 @@
-"""Derivatives of functions whose arguments are small, against closed forms."""
+"""Derivatives of functions whose arguments are small, or bend them fast, against closed forms."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from stickslip import (
     Spring,
     feedback,
     output,
+    signal,
     simulate,
     velocity,
 )
@@ -46,15 +47,32 @@ from stickslip.equations.loads.reader import differences
 def test_a_step_fits_the_argument(
     function: Callable[[float], float], slope: Callable[[float], float], x: float
 ) -> None:
-    found = differences(lambda a: np.array([function(a[0])]), np.array([x]), np.array([function(x)]))
+    found = differences(lambda a: np.array([function(a[0])]), np.array([x]))
     assert found[0, 0] == pytest.approx(slope(x), rel=1e-4)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-5, 1e-6, 2e-7, 1e-8, 1e-12])
 def test_the_unit_of_an_argument_does_not_matter(size: float) -> None:
     """``tanh(x / s)`` at 0.7 s has the slope ``1 / (s cosh(0.7)^2)``."""
-    found = differences(lambda a: np.array([math.tanh(a[0] / size)]), np.array([0.7 * size]), np.tanh([0.7]))
+    found = differences(lambda a: np.array([math.tanh(a[0] / size)]), np.array([0.7 * size]))
     assert found[0, 0] * size == pytest.approx(1 / math.cosh(0.7) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("turned", [0.0, 1e2, 1e4, 1e6])
+def test_a_function_may_bend_within_a_small_part_of_its_argument(turned: float) -> None:
+    """``sin(50 (x - X))`` at ``X + 0.01`` has the slope ``50 cos(0.5)``, however far a motor has turned."""
+    x = turned + 0.01
+    found = differences(lambda a: np.array([math.sin(50.0 * (a[0] - turned))]), np.array([x]))
+    assert found[0, 0] == pytest.approx(50.0 * math.cos(50.0 * (x - turned)), rel=1e-5)
+
+
+@pytest.mark.parametrize("frequency", [0.1, 2e2, 2e4, 3.3e5])
+def test_a_function_of_time_may_be_fast(frequency: float) -> None:
+    """The slope of ``sin(2 pi f t)`` is ``2 pi f cos(2 pi f t)``; no period is told."""
+    turn = 2 * math.pi * frequency
+    load = signal(lambda t: math.sin(turn * t))
+    for part in (0.0, 0.1, 0.24, 0.6):
+        assert load.slope(part / frequency) / turn == pytest.approx(math.cos(2 * math.pi * part), abs=1e-5)
 
 
 def test_a_fault_with_rate_and_state_slips_in_events() -> None:

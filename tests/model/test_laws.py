@@ -67,7 +67,26 @@ def test_slopes_are_derivatives(speed: float, direction: int, exponent: float) -
 
 
 def test_the_slope_at_rest_is_finite() -> None:
-    assert STRIBECK.mu_k_slope(0.0, 1) == 0.0
+    """It is the slope just beside rest: 0 with the exponent 1.5, and -(mu_s - mu_c) / v_s with the exponent 1."""
+    assert abs(STRIBECK.mu_k_slope(0.0, 1)) < 1e-40
+    linear = DryFriction(0.4, 0.1, stribeck_velocity=0.2, stribeck_exponent=1.0)
+    assert linear.mu_k_slope(0.0, 1) == pytest.approx(-1.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 0.8])
+@pytest.mark.parametrize("speed", [1e-7, 1e-5, 1e-2])
+def test_steep_slopes_are_derivatives(speed: float, exponent: float) -> None:
+    """mu' = -(mu_s - mu_c) p r^p exp(-r^p) / v with r = v / v_s: a solver is given less near rest, a user is not."""
+    law = DryFriction(0.4, 0.1, stribeck_velocity=0.2, stribeck_exponent=exponent)
+    power = (speed / 0.2) ** exponent
+    exact = -0.3 * exponent * power * math.exp(-power) / speed
+    assert law.mu_k_slope(speed, 1) == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e-10])
+def test_slopes_of_functions_do_not_depend_on_the_unit_of_speed(scale: float) -> None:
+    law = DryFriction(0.4, 0.1, kinetic=lambda v: 0.1 + 0.3 * math.exp(-v / scale))
+    assert law.mu_k_slope(0.7 * scale, 1) * scale == pytest.approx(-0.3 * math.exp(-0.7), rel=1e-6)
 
 
 def test_forward_and_backward_may_differ() -> None:

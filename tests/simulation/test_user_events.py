@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from pathlib import Path
 from typing import Any
 
@@ -302,6 +303,22 @@ def test_a_stop_that_closes_brings_a_velocity_to_0() -> None:
     result = simulate(scene, (0.0, 4.0), events=[When("v", velocity("ball"))])
     assert (result.events[-1].contact, result.events[-1].cause) == ("v", "rose to 0")
     assert abs(result.events[-1].t - 3.0) < 1e-9
+
+
+@pytest.mark.parametrize("rtol", [1e-8, 1e-11])
+@pytest.mark.parametrize("seed", [*range(0, 60, 6), 131, 174])
+def test_the_power_of_friction_does_not_fall_through_0(seed: int, rtol: float) -> None:
+    """``P = r w`` is 0 where slip reverses, and never below: it may come to 0 and stay, or rise from there."""
+    u = random.Random(seed).uniform
+    scene = Scene(
+        Body("m", inertia=u(0.5, 2), velocity=u(-1, 1)),
+        Drive("belt", velocity=sine(u(0.3, 1), u(0.1, 0.5), u(0, 6), u(-0.3, 0.3))),
+        Contact("c", "m", "belt", DryFriction(0.5, 0.5), normal=u(0.5, 1)),
+        Force("m", sine(u(1, 3), u(0.1, 0.5), u(0, 6))),
+    )
+    result = simulate(scene, (0.0, 6.0), rtol=rtol, events=[When("p", power("c"))])
+    assert any(event.cause == "reversal" for event in result.events)
+    assert not [event for event in result.events if event.contact == "p" and "through" in event.cause]
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -1607,3 +1607,95 @@ def test_equal_contacts_side_by_side_that_a_jump_overloads_let_go_together() -> 
     found = sensitivities(scene, (0.0, 1.7), ["c1.normal", "c1.law.mu_static", "c1.law.mu_coulomb"])
     assert not found.reasons
     assert found.velocity("b").ravel() == pytest.approx([-0.5 * 1.2, 0.0, -0.6 * 1.2], rel=1e-9, abs=1e-9)
+
+
+def braking_wagons(place: float, pressure: float = 2e4) -> Scene:
+    """Two coupled wagons of 20 t brake from 3 m/s, far from the origin."""
+    return Scene(
+        Body("a", inertia=2e4, velocity=3.0, position=place),
+        Body("b", inertia=2e4, velocity=3.0, position=place),
+        Spring("a", "b", stiffness=1e7, damping=1e4),
+        Contact("brake", "a", GROUND, DryFriction(0.4, 0.3), normal=sine(1.8e4, 0.7, offset=pressure)),
+    )
+
+
+@pytest.mark.parametrize("place", [0.0, 50.0, 1e3, -5e3])
+def test_derivatives_by_a_pressure_do_not_depend_on_the_origin(place: float) -> None:
+    """A coupler far from the origin carries no larger force: steps of the pressure stay small beside the pressure."""
+    found = sensitivities(braking_wagons(place), (0.0, 30.0), ["brake.normal.offset"])
+    step = 0.3
+    later, sooner = (simulate(braking_wagons(place, 2e4 + h), (0.0, 30.0)).events[0].t for h in (step, -step))
+    assert found.reasons == ()
+    assert found.events[0, 0] == pytest.approx((later - sooner) / (2 * step), rel=1e-5)
+
+
+def test_a_constant_pressure_far_from_the_origin_is_not_refused() -> None:
+    """Both wagons stop after 3 m/s * 40 t / (0.3 N), but for the swing of the coupler."""
+    wagons = [one for one in braking_wagons(1e3).elements if not isinstance(one, Contact)]
+    scene = Scene(*wagons, Contact("brake", "a", GROUND, DryFriction(0.4, 0.3), normal=2e4))
+    found = sensitivities(scene, (0.0, 40.0), ["brake.normal"])
+    assert found.events[0, 0] == pytest.approx(-3.0 * 4e4 / (0.3 * 2e4**2), rel=1e-3)
+
+
+@pytest.mark.parametrize("mass", [1.0, 1e6])
+def test_a_set_point_is_no_force(mass: float) -> None:
+    """With ``F = m tanh((x0 - x) / 0.05)`` the motion, and so its derivatives, do not depend on m."""
+
+    def scene(shift: float = 0.0) -> Scene:
+        apart = position("m") - (0.1 + shift)
+        return Scene(
+            Body("m", inertia=mass, velocity=0.3),
+            Force("m", mass * feedback(lambda s: -math.tanh(s / 0.05), apart)),
+            Damper("m", GROUND, damping=0.5 * mass),
+        )
+
+    name = "forces[0].signal.terms[0][0].arguments[0].signal"
+    found = sensitivities(scene(), (0.0, 1.0), [name]).position("m")[0]
+    up, down = (simulate(scene(h), (0.0, 1.0), rtol=1e-12, atol=1e-13).position("m")[-1] for h in (1e-5, -1e-5))
+    # the number is added to the position: it is the set point with the other sign
+    assert found == pytest.approx(-(up - down) / 2e-5, rel=1e-5)
+
+
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("speed", [0.0, 1e2, 1e3])
+def test_derivatives_do_not_depend_on_the_speed_of_a_wagon(speed: float, given: bool) -> None:
+    """A body slows down on a wagon by ``w = v0 exp(-c t)``; at ``w = s atanh(1 - mu)`` a push on a block lets it go.
+
+    So ``dt / dv0 = 1 / (c v0)``, whatever the speed of the wagon.
+    """
+    c, v0, s = 0.5, 0.05, 0.02
+    slope = {"derivatives": lambda w: [1 / s / math.cosh(w / s) ** 2]} if given else {}
+    push = feedback(lambda w: math.tanh(w / s), velocity("m") - velocity("wagon"), **slope)
+    scene = Scene(
+        Drive("wagon", velocity=speed),
+        Body("m", inertia=1.0, velocity=speed + v0),
+        Body("k", inertia=1.0, velocity=speed),
+        Damper("m", "wagon", damping=c),
+        Force("k", 1.0 - push),
+        Contact("c", "k", "wagon", DryFriction(0.5, 0.4), normal=1.0),
+    )
+    found = sensitivities(scene, (0.0, 6.0), ["m.velocity"])
+    assert found.events[0, 0] == pytest.approx(1 / (c * v0), rel=1e-6)
+
+
+@pytest.mark.parametrize("turned", [0.0, 1e2, 1e4])
+def test_derivatives_do_not_depend_on_the_turns_of_a_motor(turned: float) -> None:
+    """A cogging torque of 50 teeth, by a function without derivatives."""
+
+    def scene(speed: float) -> Scene:
+        torque = feedback(lambda q: -5.0 * math.sin(50.0 * (q - turned)), position("m"))
+        return Scene(
+            Body("m", inertia=1.0, position=turned + 0.01, velocity=speed),
+            Force("m", torque),
+            Damper("m", GROUND, damping=0.1),
+        )
+
+    found = sensitivities(scene(0.1), (0.0, 2.0), ["m.velocity"]).position("m")[0]
+
+    # the same motion, x'' = -5 sin(50 x) - 0.1 x', and its derivative by the start by an integrator of its own
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        x, v, dx, dv = y
+        return [v, -5 * math.sin(50 * x) - 0.1 * v, dv, -250 * math.cos(50 * x) * dx - 0.1 * dv]
+
+    told = solve_ivp(rates, (0.0, 2.0), [0.01, 0.1, 0.0, 1.0], method="DOP853", rtol=1e-11, atol=1e-13)
+    assert found == pytest.approx(told.y[2, -1], rel=1e-5)

@@ -397,11 +397,19 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def enter_table_majorants(self, q: Array, y: Array) -> Array:
-        """Make the majorants `q` of inputs, in place, no less in a table than in its argument, by its slope."""
+    def enter_majorants(self, q: Array, y: Array, values: Array, states: Array) -> Array:
+        """Make the majorants `q` of inputs, in place, no less than those that follow from arguments.
+
+        `values` and `states` are the inputs and states themselves. The majorant of a table is its slope times that of
+        its argument, that of a power the force times that of the velocity.
+        """
         for layer in self._layers:
             own = self._steepest[1, layer.tables] * layer.forms.majorants(y, q).T
             q[layer.places] = np.maximum(q[layer.places], own.T)
+        for node, forms, own in zip(self.nodes, self.arguments, self._ranges, strict=True):
+            if node.row >= 0:
+                w, size = np.abs(forms.at(states, values)[0]), forms.majorants(y, q)[0]
+                q[own] = np.maximum(q[own], np.abs(values[own]) * np.divide(size, w, out=np.ones_like(w), where=w > 0))
         return q
 
     def add_majorants(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
@@ -488,13 +496,13 @@ class Dependence:
                 def function(x: Array, number: int = number) -> Array:
                     return np.array(self._called(number, t, tuple(x.tolist())))
 
-                found.append(differences(function, arguments, function(arguments)))
+                found.append(differences(function, arguments))
             else:
 
                 def heat(x: Array, node: Node = node) -> Array:
                     return np.array([_power(node, x, tau, friction)])
 
-                found.append(differences(heat, arguments, q[self._ranges[number]]))
+                found.append(differences(heat, arguments))
         return found
 
 

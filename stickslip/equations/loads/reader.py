@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -19,16 +20,11 @@ from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
+from stickslip.model.slopes import slope_by_differences
 
 _Found = TypeVar("_Found")
 Key = tuple[str, int, int]  # kind of an input, its number, and for functions which of their values
-# The step of a difference is `_STEP` of the argument, or of `_SMALL` if this is larger. Where a function bends within
-# the step, it is `_FINE` of the argument.
-_STEP, _SMALL, _FINE = 1e-5, 1e-3, 1e-4
-
-# The finer step is taken for arguments above `_TINY`, if the value changes by more than roundoff, `_CHANGED` of the
-# value, and the slope differs from that over the larger step by more than `_BENDS` of the slope.
-_TINY, _CHANGED, _BENDS = 1e-100, 1e-8, 1e-6
+_STEP, _SMALL = 1e-5, 1e-3  # the step of a difference is the first of the argument, or of the second if this is larger
 
 
 @dataclass
@@ -79,30 +75,23 @@ class Node:
     table: of.Table | None = None  # straight lines, each of which holds in a region of the one argument
 
 
-def differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:
+def differences(function: Callable[[Array], Array], arguments: Array) -> Array:
     """Return the derivatives of a function by differences of second order ahead, a line per value.
 
-    Steps go to one side only: a function may end at 0. In a slow scene all arguments may be small. So the step is a
-    part of a small argument if the function resolves such a step and bends within the usual one.
+    Steps go to one side only: a function may end at 0.
     """
 
-    def along(k: int, step: float) -> tuple[Array, Array]:
-        near, far = arguments.copy(), arguments.copy()
-        near[k] += step
-        h = near[k] - arguments[k]
-        far[k] = arguments[k] + 2 * h
-        change = 4 * (function(near) - value) - (function(far) - value)
-        return change / (2 * h), np.abs(change)
+    def along(k: int, x: float) -> Array:
+        moved = arguments.copy()
+        moved[k] = x
+        return function(moved)
 
-    found = np.empty((value.size, arguments.size))
-    for k, size in enumerate(np.abs(arguments).tolist()):
-        step = _STEP * max(size, _SMALL)
-        found[:, k], _ = along(k, step)
-        if _TINY < size < step / _FINE:
-            fine, change = along(k, _FINE * size)
-            bends = np.abs(fine - found[:, k]) > _BENDS * np.abs(fine)
-            found[:, k] = np.where(bends & (change > _CHANGED * np.abs(value)), fine, found[:, k])
-    return found
+    steps = [_STEP * max(abs(x), _SMALL) for x in arguments.tolist()]
+    columns = [
+        slope_by_differences(partial(along, k), x, h, 2 * h)
+        for k, (x, h) in enumerate(zip(arguments.tolist(), steps, strict=True))
+    ]
+    return np.stack(columns, axis=1) if columns else np.zeros((function(arguments).size, 0))
 
 
 class Reader:

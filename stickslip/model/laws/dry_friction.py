@@ -214,7 +214,8 @@ class DryFriction(Law):
 
     def mu_k_slope(self, speed: float, direction: int) -> float:
         """Return the derivative of the kinetic coefficient with respect to speed."""
-        return float(Kinetic([self], np.array([direction < 0])).slope(np.array([speed]))[0])
+        kinetic, w = Kinetic([self], np.array([direction < 0])), np.array([speed])
+        return float((kinetic.slope(w) + kinetic.slope_cut(w))[0])
 
     def least(self, direction: int) -> float:
         """Return the static coefficient just after sticking, from which it rises with the dwell."""

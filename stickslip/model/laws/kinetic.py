@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.model.arrays import Array, Mask
 from stickslip.model.laws.base import Kernel
+from stickslip.model.slopes import slope_by_differences
 
 _UNDERFLOW = 745.0
 _NEXT_TO_REST = 1e-100  # part of the Stribeck velocity at which a curve has the slope that it has just beside rest
@@ -79,16 +80,19 @@ class Kinetic:
         With an exponent below 1 the true derivatives grow without bound towards rest. With these, Newton's method in
         the solver would step back across the rest that a contact has just left, and that would cause a storm of events.
         """
-        return self._slope(w, self._steepest)
+        return self._slope(w, self._steepest, _limited_slope)
 
     def slope_cut(self, w: Array) -> Array:
         """Return the true derivatives minus `slope` at `w` (k,); at 0 the true one is that just beside 0, if finite."""
         beside = np.where((w == 0) & (self.exponent >= 1), _NEXT_TO_REST * self._velocity, w)
-        if not ((self._steepest > np.abs(w)) | (beside != w)).any():
+        beside[list(self._functions)] = w[list(self._functions)]
+        if not (self._functions or ((self._steepest > np.abs(w)) | (beside != w)).any()):
             return np.zeros_like(w)
-        return self._slope(beside, np.zeros_like(self._steepest)) - self.slope(w)
+        return self._slope(beside, np.zeros_like(self._steepest), _true_slope) - self.slope(w)
 
-    def _slope(self, w: Array, steepest: Array) -> Array:
+    def _slope(
+        self, w: Array, steepest: Array, of_function: Callable[[Callable[[float], float], float], float]
+    ) -> Array:
         slope = np.zeros_like(w)
         if self._bent:
             ratio = np.clip(np.abs(w), steepest, self._speed_limit) / self._velocity
@@ -98,7 +102,7 @@ class Kinetic:
             slope = -self._of_side(self._fall, w) * np.exp(-power) * self.exponent * power / ratio
             slope *= moving / self._velocity
         for row, kinetic in self._functions.items():
-            slope[row] = _difference(kinetic, float(abs(w[row])))
+            slope[row] = of_function(kinetic, float(abs(w[row])))
         return slope
 
     def _of_side(self, values: Array, w: Array) -> Array:
@@ -108,11 +112,20 @@ class Kinetic:
         return np.where(w < 0, values[1] if w.ndim == 1 else values[1, :, None], forward)
 
 
-def _difference(kinetic: Callable[[float], float], speed: float) -> float:
-    """Return the slope of a function by a difference of its values at speeds that are not negative."""
+def _limited_slope(kinetic: Callable[[float], float], speed: float) -> float:
+    """Return the slope of a function by a difference of its values at speeds that are not negative.
+
+    The step limits the slope near rest.
+    """
     h = 1e-6 * max(speed, 1e-3)
     left, right = max(speed - h, 0.0), speed + h
     return (kinetic(right) - kinetic(left)) / (right - left)
+
+
+def _true_slope(kinetic: Callable[[float], float], speed: float) -> float:
+    """Return the slope of a function, also within the step of the limited one."""
+    h = 1e-6 * max(speed, 1e-3)
+    return float(slope_by_differences(kinetic, speed, *((-min(h, speed), 2 * h) if speed else (h, 2 * h))))
 
 
 class Slipping(Kernel):

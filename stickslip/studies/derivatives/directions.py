@@ -20,11 +20,17 @@ PART = 1e-3  # step of a finite difference, as a part of the size of the number 
 # Largest angle in rad by which a sine may turn over the whole run if its frequency changes by its size.
 _TURN = 5.0
 
+# Numbers in what functions and blocks read are no forces, but in the units of what is read.
+_ARGUMENTS = frozenset(("arguments", "quantity", "inputs"))
+
 _LEAST = 1e-2  # least size of a number, as a part of the size of the quantity that it is added to
 
 # Takes the place of PART where forces depend on velocity. They bend at rest: near by, a contact that has just begun to
 # slip may slip the other way.
 _PART_WITH_BENDS = 1e-5
+
+# The same where forces are functions of the state: these may bend within any small part of large arguments.
+_PART_WITH_FUNCTIONS = 1e-6
 
 CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
@@ -57,8 +63,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     If the scene exists at no values near by, or has another structure there, that is a ValueError.
     """
     nominal = trajectory.system
-    bends = any(one.velocity_dependent for one in nominal.laws.characters)
-    part, natural = _PART_WITH_BENDS if bends else PART, _size(scene, parameter, trajectory)
+    part, natural = _part(nominal), _size(scene, parameter, trajectory)
     sizes = dict.fromkeys([natural, abs(parameter.value) or natural])
     refused: Exception | None = None
     differs = False
@@ -66,17 +71,22 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     # A step by the natural size may be refused beside the other numbers of the scene, as a limit of a stop beyond the
     # other limit. Then the size of the value itself is tried.
     for size, stencil in product(sizes, _STENCILS):
-        h, near = part * size, []
+        h = part * size
         try:
-            for offset, weight in stencil:
-                system = System(parameter.set(scene, parameter.value + offset * h), generic=nominal.generic)
-                differs |= not _alike(nominal, system)
-                near.append((weight / h, system, system.loads(*trajectory.span)))
+            systems = [
+                System(parameter.set(scene, parameter.value + offset * h), generic=nominal.generic)
+                for offset, _ in stencil
+            ]
+            loads = [system.loads(*trajectory.span) for system in systems]
         except (ValueError, TypeError) as error:
-            refused, near = refused or error, []
-        if near:
+            refused = refused or error
+            continue
+        if all(_alike(nominal, system) for system in systems):
+            weights = [weight / h for _, weight in stencil]
+            near = list(zip(weights, systems, loads, strict=True))
             break
-    if differs:
+        differs = True
+    if differs and not near:
         raise ValueError(
             f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts (a "
             "stiffness, dwell time or coefficient that is 0, or a dwell time between equal coefficients); give it "
@@ -95,6 +105,13 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     return Direction(parameter.name, near_ones, y, since, size, positions)
 
 
+def _part(system: System) -> float:
+    """Return the step of a finite difference as a part of the size of a parameter."""
+    if system.dependence is not None and not system.dependence.is_linear:
+        return _PART_WITH_FUNCTIONS
+    return _PART_WITH_BENDS if any(one.velocity_dependent for one in system.laws.characters) else PART
+
+
 def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:
     """Return the size of a parameter: over a small part of it, the motion depends on the parameter almost linearly."""
     field, size = parameter.field, abs(parameter.value)
@@ -106,7 +123,9 @@ def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:
     if field == "times":
         # small beside the distance to the next breaks: the order of the breaks must not change
         return min((one for one in parameter.distances_to_neighbours(scene) if one > 0), default=size or 1.0)
-    return max(size, _LEAST * _size_added_to(field, trajectory)) or 1.0
+    if _ARGUMENTS.isdisjoint(parameter.steps):
+        size = max(size, _LEAST * _size_added_to(field, trajectory))
+    return size or 1.0
 
 
 def _size_added_to(field: str, trajectory: Trajectory) -> float:
@@ -119,7 +138,10 @@ def _size_added_to(field: str, trajectory: Trajectory) -> float:
     velocity = max(y[: system.n].max(initial=0.0), system.drive_velocities(q).max(initial=0.0))
     length = y[system.n : system.first_bristle].max(initial=0.0) or velocity * taus.sum()
     pressed = system.abs_GT @ (system.largest_coefficient * q[: system.m])
-    force = (system.abs_C @ y + system.abs_Q @ q + pressed).max(initial=0.0)
+    # springs far from the origin carry no larger forces: these are sums over both of their ends
+    states = np.concatenate([piece.kept_path.points[[0, -1]] for piece in pieces]).T
+    sprung = np.abs(system.C @ states).max(axis=1, initial=0.0)
+    force = (sprung + system.abs_Q @ q + pressed).max(initial=0.0)
     known = {
         **dict.fromkeys(("rest", "upper", "lower", "position"), length),
         "velocity": velocity,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,12 +29,34 @@ REST = 1e-11  # part of the speeds of a motion below which a velocity is 0
 _NEAR_ZERO = 100.0
 
 _PART_OF_MOTION = 1e-4  # step of a finite difference, as a part of the size of the motion
+
+# Functions may bend within any small part of large arguments. There steps are shortened by the first number, at most so
+# many times, until differences are the same but for the third.
+_SHORTER, _TRIES, _SAME = 32.0, 4, 1e-8
+
 _TINY = np.finfo(float).tiny
 
 
 def total(parts: Sequence[Any]) -> Any:
     """Return the sum of weighted values near by in their order: a central difference of a constant is exactly 0."""
     return sum(parts[1:], parts[0]) if parts else 0.0
+
+
+def _settled(differences: Iterator[Any]) -> Any:
+    """Return the first of differences over shorter and shorter steps that the next one leaves as it is.
+
+    Where they do not settle before roundoff grows, it is the one that changes least.
+    """
+    best = last = next(differences)
+    least = np.inf
+    for one in differences:
+        change, size = float(np.abs(one - last).max(initial=0.0)), float(np.abs(one).max(initial=0.0))
+        if change <= _SAME * size:
+            return last
+        if change < least:
+            best, least = one, change
+        last = one
+    return best
 
 
 def _counts(loads: Loads) -> list[int]:
@@ -116,19 +138,33 @@ class Nearby:
             found.append((weight, Motion(equations, segment, motion.t, motion.y, motion.since)))
         return found
 
-    def along(
-        self, motion: Motion, since: Array, y: Array, S: Array, is_linear: bool = False
-    ) -> list[tuple[float, Motion, Array]]:
-        """Return weights, motions and states whose quantities add up to the derivative along S and `since`.
+    def _along_states(
+        self, quantity: OfMotion, motion: Motion, taus: Array, y: Array, S: Array, is_linear: bool
+    ) -> Any:
+        """Return the derivative of a quantity along S, 0 where nothing changes.
 
-        If the quantities are linear in the state (`is_linear`), the step is long: that makes roundoff small.
+        If the quantity is linear in the state (`is_linear`), the step is long: that makes roundoff small.
         """
-        found = []
         part = float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0))
-        if part > 0:
-            bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self.bend
-            h = 1.0 / part if is_linear else min(_PART_OF_MOTION / part, PART / bends if bends > 0 else np.inf)
-            found += [(weight / h, motion, y + offset * h * S) for offset, weight in CENTRAL]
+        if not part > 0:
+            return 0.0
+
+        def difference(h: float) -> Any:
+            moved = [(weight / h, y + offset * h * S) for offset, weight in CENTRAL]
+            return total([weight * quantity(motion, taus, motion.exact(taus, at)) for weight, at in moved])
+
+        if is_linear:
+            return difference(1.0 / part)
+        bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self.bend
+        h = min(_PART_OF_MOTION / part, PART / bends if bends > 0 else np.inf)
+        of = self.system.dependence
+        if of is None or of.is_linear:
+            return difference(h)
+        return _settled(difference(h / _SHORTER**k) for k in range(_TRIES + 1))
+
+    def along_ages(self, motion: Motion, since: Array, y: Array) -> list[tuple[float, Motion, Array]]:
+        """Return weights, motions and states whose quantities add up to the derivative along `since`."""
+        found = []
         # the step is a part of the shortest dwell time, which may be short beside the motion
         part = float(np.abs(since).max(initial=0.0)) / self._dwell
         if part > 0 and (self.system.dwelling.size or motion.has_law):
@@ -159,8 +195,9 @@ class Nearby:
             parts = [weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self.near(motion, k)]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
-                for weight, moved, at in self.along(motion, since[:, k], y, S[:, :, k], is_linear)
+                for weight, moved, at in self.along_ages(motion, since[:, k], y)
             ]
+            parts.append(self._along_states(quantity, motion, taus, y, S[:, :, k], is_linear))
             with np.errstate(invalid="ignore"):
                 found[..., k] = sum(parts, none)
         found[..., ~exists] = np.nan

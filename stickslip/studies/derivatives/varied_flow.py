@@ -47,7 +47,7 @@ def flow(
 
 def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array, bool]:
     """Follow ``S' = A S + f_p`` by Taylor series."""
-    system, path, end = nearby.system, piece.kept_path, piece.end
+    path, end = piece.kept_path, piece.end
     near = [nearby.near(motion, k) for k in range(nearby.count)]
     tau, guess = 0.0, end
     ends, found = [0.0], []
@@ -58,8 +58,7 @@ def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
         for k in range(nearby.count):
             others = [(weight, other, other.exact(tau, y)) for weight, other in near[k]]
             if motion.rises_push and since[:, k].any():
-                still = np.zeros((system.size, 1))
-                aged = nearby.along(motion, since[:, k], y[:, None], still)
+                aged = nearby.along_ages(motion, since[:, k], y[:, None])
                 others += [(weight, other, y) for weight, other, _ in aged]
             c[:, :, k] += total([weight * other.expand(tau, at, _ORDER, h).y for weight, other, at in others])
         limit = _step_limit(c)
