@@ -394,15 +394,16 @@ class Function(Signal):
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""
-        h = 3e-6 * self.shortest_period if self.shortest_period else 1e-5
+        # the function feels the roundoff of its time
+        h = 3e-6 * self.shortest_period if self.shortest_period else max(1e-6, 1e-9 * abs(t))
         times = self.break_times
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
         ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
         if min(behind, ahead) > 2 * h:
-            return float(slope_by_differences(self.at, t, h, -2 * h))
+            return slope_by_differences(self.at, t, h, -2 * h)
         h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
-        return float(slope_by_differences(self.at, t, h, 2 * h))
+        return slope_by_differences(self.at, t, h, 2 * h)
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the given breaks between `start` and `stop`."""

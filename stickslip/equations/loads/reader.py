@@ -20,7 +20,7 @@ from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
-from stickslip.model.slopes import slope_by_differences
+from stickslip.model.slopes import slopes_by_differences
 
 _Found = TypeVar("_Found")
 Key = tuple[str, int, int]  # kind of an input, its number, and for functions which of their values
@@ -81,17 +81,18 @@ def differences(function: Callable[[Array], Array], arguments: Array) -> Array:
     Steps go to one side only: a function may end at 0.
     """
 
-    def along(k: int, x: float) -> Array:
+    def along(k: int, x: float) -> list[float]:
         moved = arguments.copy()
         moved[k] = x
-        return function(moved)
+        found: list[float] = function(moved).tolist()
+        return found
 
     steps = [_STEP * max(abs(x), _SMALL) for x in arguments.tolist()]
     columns = [
-        slope_by_differences(partial(along, k), x, h, 2 * h)
+        slopes_by_differences(partial(along, k), x, h, 2 * h)
         for k, (x, h) in enumerate(zip(arguments.tolist(), steps, strict=True))
     ]
-    return np.stack(columns, axis=1) if columns else np.zeros((function(arguments).size, 0))
+    return np.array(columns).T if columns else np.zeros((function(arguments).size, 0))
 
 
 class Reader:
