@@ -442,6 +442,13 @@ class Motion(Inputs):
         """Return majorants of the rates of the states at the start."""
         return self.equations.majorants(self.state_majorants, np.abs(self.start_inputs))[0]
 
+    @property
+    def is_balanced(self) -> bool:
+        """Whether the forces at the start cancel on all bodies, but for roundoff that is left on some."""
+        n = self.system.n
+        rate = self.rate(0.0, self.y)[:n]
+        return bool(rate.any() and (np.abs(rate) <= _CANCELLED * self.rate_majorants()[:n]).all())
+
     def guard_majorants(self, rows: GuardRows, order: int, no_new_dwells: bool = False) -> Array:
         """Return majorants of the Taylor coefficients of the guards at the start, an order per row.
 

@@ -104,7 +104,10 @@ class Local:
         # impacts are kept with motions of the whole scene
         if now.impact is not None or equations.rises_push or equations.balance.parting is not None:
             return False
-        return bool(self._forest.takes(motion.segment) and plain.all() and motion.horizon > 0)
+        if not (self._forest.takes(motion.segment) and plain.all() and motion.horizon > 0):
+            return False
+        # one long step of the whole scene is cheaper than many parts that roundoff keeps moving
+        return not motion.is_balanced
 
     def follow(self, now: Settled) -> Ending | None:
         """Follow a motion and all its events up to the instant at which the whole scene is to be settled.

@@ -64,6 +64,21 @@ def test_a_block_slides_steadily_on_a_belt(mu: float, normal: float, stiffness: 
     assert result.stats["steps"] == 1
 
 
+@pytest.mark.parametrize("count", [5, 15, 16, 60])
+def test_a_hanging_chain_is_one_step(count: int) -> None:
+    """Springs of 1e4 N/m carry all masses below them, ``x_i = sum_j (n - j) g / k``; large scenes have parts."""
+    g, k = 9.81, 1e4
+    places = [sum((count - j) * g / k for j in range(i + 1)) for i in range(count)]
+    scene = Scene(
+        *(Body(f"m{i}", inertia=1.0, position=x) for i, x in enumerate(places)),
+        *(Spring(f"m{i}", f"m{i - 1}" if i else GROUND, stiffness=k) for i in range(count)),
+        *(Force(f"m{i}", g) for i in range(count)),
+    )
+    result = simulate(scene, (0.0, 1e3))
+    assert result.stats["steps"] == 1
+    assert all(np.all(result.velocity(f"m{i}") == 0.0) for i in range(count))
+
+
 def train(*more: Any) -> Scene:
     """Two cars and a geared wheel that roll on at 0.1 m/s with slack couplings."""
     return Scene(
