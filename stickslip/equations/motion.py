@@ -18,7 +18,7 @@ from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
-_CANCELLED = 8 * np.finfo(float).eps  # part of its majorant below which a rate is roundoff
+_CANCELLED = 8 * np.finfo(float).eps  # part of the sizes of all forces below which their sum is roundoff
 
 
 class Expansion:
@@ -408,9 +408,9 @@ class Motion(Inputs):
             if act[k]:
                 found += responses[k] if linked is None else equations.respond(linked.part(k, ys[k]))
             if not k:
-                # Rates that cancel but for roundoff are 0. A scene in equilibrium would be followed in small steps.
-                majorants = equations.majorants(np.abs(y), np.abs(q[0]))[0]
-                found[:size][np.abs(found[:size]) <= _CANCELLED * majorants] = 0.0
+                # Forces that cancel but for roundoff are none. A scene in equilibrium would be followed in small steps.
+                sizes = equations.accelerations_by_forces(y, q[0])
+                found[: system.n][np.abs(found[: system.n]) <= _CANCELLED * sizes] = 0.0
             zs[k] = found[size:]
             if k == order:
                 break
@@ -445,9 +445,9 @@ class Motion(Inputs):
     @property
     def is_balanced(self) -> bool:
         """Whether the forces at the start cancel on all bodies, but for roundoff that is left on some."""
-        n = self.system.n
-        rate = self.rate(0.0, self.y)[:n]
-        return bool(rate.any() and (np.abs(rate) <= _CANCELLED * self.rate_majorants()[:n]).all())
+        rate = self.rate(0.0, self.y)[: self.system.n]
+        sizes = self.equations.accelerations_by_forces(self.y, self.start_inputs)
+        return bool(rate.any() and (np.abs(rate) <= _CANCELLED * sizes).all())
 
     def guard_majorants(self, rows: GuardRows, order: int, no_new_dwells: bool = False) -> Array:
         """Return majorants of the Taylor coefficients of the guards at the start, an order per row.

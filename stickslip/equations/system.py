@@ -315,10 +315,20 @@ class System:
     def _push(self, book: Book) -> None:
         """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""
         n, state, inputs = self.n, Triplets(), Triplets()
-        for link in book.couplings:
+        levers, of_state, of_inputs = Triplets(), Triplets(), Triplets()
+        for number, link in enumerate(book.couplings):
+            for k, e in link.coefficients.items():
+                if link.stiffness:
+                    of_state.add(number, self.position_state[k], e * link.stiffness)
+                if k < n:
+                    of_state.add(number, k, e * link.damping)
+                else:
+                    of_inputs.add(number, self.first_drive + k - n, e * link.damping)
+            of_inputs.add(number, self.inputs - 1, -link.stiffness * link.rest)
             for i, c in link.coefficients.items():
                 if i >= n:
                     continue
+                levers.add(i, number, abs(c))
                 for k, e in link.coefficients.items():
                     if link.stiffness:
                         state.add(i, self.position_state[k], -c * e * link.stiffness)
@@ -344,7 +354,14 @@ class System:
         self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
         entries = state.values or push_state.values or block_state.values
         self.has_couplings = bool(entries or self.is_gap.any() or self.has_stops)
-        self.abs_C, self.abs_Q = abs(self.C), abs(self.Q)
+        self.abs_C, self.abs_Q, self.abs_push_Q = abs(self.C), abs(self.Q), abs(self.push_Q)
+        self.has_pushes_by_state = bool(push_state.values or self.dependence is not None)
+        # the forces of springs and dampers one by one: in C those of two ends at places far off cancel
+        count = len(book.couplings)
+        self.is_coupled_to_ground = np.array([len(link.coefficients) == 1 for link in book.couplings], dtype=bool)
+        self.coupling_levers = self.matrix(levers, (n, count))
+        self.coupling_C = self.matrix(of_state, (count, self.size))
+        self.coupling_Q = self.matrix(of_inputs, (count, self.inputs))
 
     def _piecewise(self, book: Book) -> PiecewiseMatrices:
         rows = {j: row for j, row in enumerate(book.rows) if row.regions}

