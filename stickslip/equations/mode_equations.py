@@ -506,20 +506,14 @@ class ModeEquations:
     def accelerations_by_forces(self, y: Array, q: Array) -> Array:
         """Return what all forces would accelerate the bodies by if none of them cancelled, (n,).
 
-        They are the forces of elements as they are. Far from the origin the terms of the force of a spring are larger,
-        and cancel. Their roundoff acts on both ends and so leaves the sum of all forces exact, unless one end is the
-        ground: there the terms count. The result is 0 where forces of other kinds depend on the state.
+        It is 0 where other forces than those of springs and dampers depend on the state.
         """
         system = self.system
         if system.has_pushes_by_state or self.elastic.size or self.velocity_dependent.size:
             return np.zeros(system.n)
         q = q[: system.inputs]
-        couplings = np.abs(system.coupling_C @ y + system.coupling_Q @ q)
-        if system.is_coupled_to_ground.any():
-            terms = abs(system.coupling_C) @ np.abs(y) + abs(system.coupling_Q) @ np.abs(q)
-            couplings = np.where(system.is_coupled_to_ground, terms, couplings)
         pressed = system.abs_GT @ (system.largest_coefficient * np.abs(q[: system.m]))
-        forces = system.coupling_levers @ couplings + system.abs_push_Q @ np.abs(q) + pressed
+        forces = system.coupling_forces.sizes(y, q) + system.abs_push_Q @ np.abs(q) + pressed
         return self.balance.majorants(forces, np.abs(system.drive_accelerations(q)))[0]
 
     def majorants(self, y: Array, q: Array) -> tuple[Array, Array]:

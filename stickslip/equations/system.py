@@ -44,6 +44,26 @@ _BALANCES, _BYTES = 4000, 32_000_000
 _NO_LAW = DryFriction(0.0, 0.0)
 
 
+class CouplingForces:
+    """The forces of springs and dampers one by one: in the sums over bodies those of far ends cancel."""
+
+    def __init__(self, levers: Any, of_states: Any, of_inputs: Any, to_ground: Mask) -> None:
+        """Take the sizes of the levers on the bodies, and what forces have of states and inputs, a line each."""
+        self._levers, self._C, self._Q, self._to_ground = levers, of_states, of_inputs, to_ground
+        self._abs_C, self._abs_Q = abs(of_states), abs(of_inputs)
+
+    def sizes(self, y: Array, q: Array) -> Array:
+        """Return the sums of the sizes of these forces on the bodies, those of all terms where one end is the ground.
+
+        The roundoff of terms acts on both ends, and leaves the sum of all forces exact, but at the ground.
+        """
+        forces = np.abs(self._C @ y + self._Q @ q)
+        if self._to_ground.any():
+            terms = self._abs_C @ np.abs(y) + self._abs_Q @ np.abs(q)
+            forces = np.where(self._to_ground, terms, forces)
+        return np.asarray(self._levers @ forces)
+
+
 class System:
     """A scene compiled to constant matrices. It never changes.
 
@@ -315,20 +335,10 @@ class System:
     def _push(self, book: Book) -> None:
         """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""
         n, state, inputs = self.n, Triplets(), Triplets()
-        levers, of_state, of_inputs = Triplets(), Triplets(), Triplets()
-        for number, link in enumerate(book.couplings):
-            for k, e in link.coefficients.items():
-                if link.stiffness:
-                    of_state.add(number, self.position_state[k], e * link.stiffness)
-                if k < n:
-                    of_state.add(number, k, e * link.damping)
-                else:
-                    of_inputs.add(number, self.first_drive + k - n, e * link.damping)
-            of_inputs.add(number, self.inputs - 1, -link.stiffness * link.rest)
+        for link in book.couplings:
             for i, c in link.coefficients.items():
                 if i >= n:
                     continue
-                levers.add(i, number, abs(c))
                 for k, e in link.coefficients.items():
                     if link.stiffness:
                         state.add(i, self.position_state[k], -c * e * link.stiffness)
@@ -356,12 +366,28 @@ class System:
         self.has_couplings = bool(entries or self.is_gap.any() or self.has_stops)
         self.abs_C, self.abs_Q, self.abs_push_Q = abs(self.C), abs(self.Q), abs(self.push_Q)
         self.has_pushes_by_state = bool(push_state.values or self.dependence is not None)
-        # the forces of springs and dampers one by one: in C those of two ends at places far off cancel
-        count = len(book.couplings)
-        self.is_coupled_to_ground = np.array([len(link.coefficients) == 1 for link in book.couplings], dtype=bool)
-        self.coupling_levers = self.matrix(levers, (n, count))
-        self.coupling_C = self.matrix(of_state, (count, self.size))
-        self.coupling_Q = self.matrix(of_inputs, (count, self.inputs))
+
+    @cached_property
+    def coupling_forces(self) -> CouplingForces:
+        """The forces of springs and dampers one by one."""
+        n, count = self.n, len(self.couplings)
+        levers, of_state, of_inputs = Triplets(), Triplets(), Triplets()
+        for number, link in enumerate(self.couplings):
+            for k, e in link.coefficients.items():
+                if link.stiffness:
+                    of_state.add(number, self.position_state[k], e * link.stiffness)
+                if k < n:
+                    of_state.add(number, k, e * link.damping)
+                    levers.add(k, number, abs(e))
+                else:
+                    of_inputs.add(number, self.first_drive + k - n, e * link.damping)
+            of_inputs.add(number, self.inputs - 1, -link.stiffness * link.rest)
+        return CouplingForces(
+            self.matrix(levers, (n, count)),
+            self.matrix(of_state, (count, self.size)),
+            self.matrix(of_inputs, (count, self.inputs)),
+            np.array([len(link.coefficients) == 1 for link in self.couplings], dtype=bool),
+        )
 
     def _piecewise(self, book: Book) -> PiecewiseMatrices:
         rows = {j: row for j, row in enumerate(book.rows) if row.regions}
