@@ -19,11 +19,13 @@ def slopes_by_differences(
 
     ``f' = (s1 d2 - s2 d1) / (d2 - d1)`` with the slopes ``s = (f(x + d) - f(x)) / d`` to two points. Their distances
     `first` and `second` differ in size: to mirrored points the slopes of an odd function are the same. On which scale
-    the function bends is not known. So where the slopes differ, both points are taken nearer, until roundoff is left.
+    the function bends is not known. So where the slopes differ, both points are taken nearer. If that ends in
+    roundoff, the slope counts that changes least from step to step.
     """
     values = function(x)
-    slopes, rough = [math.inf] * len(values), list(range(len(values)))
-    for _ in range(_TRIES):
+    slopes, rough = [0.0] * len(values), list(range(len(values)))
+    best, least = slopes.copy(), [math.inf] * len(values)
+    for number in range(_TRIES):
         d1, d2 = (x + first) - x, (x + second) - x
         if not rough or not d1 or not d2 or d1 == d2:
             break
@@ -31,13 +33,18 @@ def slopes_by_differences(
         for k in rough:
             value = values[k]
             s1, s2 = (near[k] - value) / d1, (far[k] - value) / d2
-            last, slopes[k] = slopes[k], (s1 * d2 - s2 * d1) / (d2 - d1)
-            apart = abs(s1 - s2)
+            slope, apart = (s1 * d2 - s2 * d1) / (d2 - d1), abs(s1 - s2)
+            change = abs(slope - slopes[k]) if number else math.inf
+            slopes[k] = slope
+            if change <= least[k]:
+                best[k], least[k] = slope, change
             bends = apart > _BENDS * max(abs(s1), abs(s2)) and apart * reach > _ROUNDOFF * abs(value)
-            if bends and abs(slopes[k] - last) > _SAME * abs(slopes[k]):
+            if bends and change > _SAME * abs(slope):
                 left.append(k)
         rough, first, second = left, first / _SHORTER, second / _SHORTER
-    return [slope if slope < math.inf else 0.0 for slope in slopes]
+    for k in rough:
+        slopes[k] = best[k]
+    return slopes
 
 
 def slope_by_differences(function: Callable[[float], float], x: float, first: float, second: float) -> float:
