@@ -118,8 +118,7 @@ class Inputs:
         x = self.looked_up(0.0, self.y)
         low, high = self.dependence.all_borders(self.table_regions)
         low, high = np.minimum(low, x), np.maximum(high, x)
-        size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
-        beside = np.maximum(_BESIDE * size, self.segment.beside)
+        beside = np.maximum(_BESIDE * largest_finite(x, low, high), self.segment.beside)
         return low - beside, high + beside
 
     def normals(self, tau: float | Array, y: Array) -> Array:
@@ -394,6 +393,12 @@ class Inputs:
         return self.dependence.slopes_by_arguments(
             self.start_inputs, y, self.t, 0.0, self.friction_of, self.table_regions
         )
+
+
+def largest_finite(*values: Array) -> Array:
+    """Return the largest size among some values that are finite."""
+    found: Array = np.max(np.where(np.isfinite(values), np.abs(values), 0.0), axis=0)
+    return found
 
 
 class Linked:

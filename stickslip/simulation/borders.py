@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stickslip.equations.inputs import largest_finite
 from stickslip.equations.loads.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
@@ -66,7 +67,7 @@ class Borders:
             self._loads.table_regions = tuple(map(self._dependence.region, range(x.size), x.tolist()))
         else:
             low, high = self._dependence.all_borders(regions)
-            rough = ROUGH * np.maximum(self._sizes, _largest(x, low, high))
+            rough = ROUGH * np.maximum(self._sizes, largest_finite(x, low, high))
             outside = ((x < low - rough) | (x > high + rough)).nonzero()[0].tolist()
             self._go_to(regions, {k: self._dependence.region(k, float(x[k])) for k in outside})
         # so motions count a region as left only where that is certain
@@ -161,8 +162,7 @@ class Borders:
             for k in one.may_leave.tolist():
 
                 def depth(tau: float, k: int = k, side: int = side, border: float = float(border[k])) -> float:
-                    y = motion.exact(tau, path.at(np.array([tau]))[0])
-                    return side * (border - motion.looked_up_by(k, tau, y))
+                    return side * (border - motion.looked_up_by(k, tau, path.at(np.array([tau]))[0]))
 
                 tau = _exit(ends, one.depths[k], depth, float(one.rough[k]), float(one.noise[k]))
                 found.append((tau, k, side))
@@ -181,7 +181,7 @@ class Borders:
         return _Side(depths, noise, rough, (np.isfinite(border) & ~stays).nonzero()[0])
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> Array:
-        return motion.looked_up(taus, motion.exact(taus, path.at(taus).T))
+        return motion.looked_up(taus, path.at(taus).T)
 
 
 def _exit(taus: Array, depths: Array, depth: Callable[[float], float], rough: float, noise: float) -> float:
@@ -197,9 +197,3 @@ def _exit(taus: Array, depths: Array, depth: Callable[[float], float], rough: fl
                 return tau
             sign_known = True
     return math.inf
-
-
-def _largest(*values: Array) -> Array:
-    """Return the largest size among some values that are finite."""
-    found: Array = np.max([np.where(np.isfinite(one), np.abs(one), 0.0) for one in values], axis=0)
-    return found

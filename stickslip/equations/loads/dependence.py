@@ -84,10 +84,11 @@ def _compressed(lines: Sequence[Mapping[int, float]]) -> tuple[Indices, Any]:
 class Layer:
     """Nodes that read none of each other: the numbers of functions among all nodes, and of tables among all tables.
 
-    `forms` are the arguments of the tables, and `places` the inputs that these are.
+    `nodes` are the numbers of the tables among all nodes, `forms` their arguments, and `places` their inputs.
     """
 
     functions: list[int]
+    nodes: frozenset[int]
     tables: Indices
     forms: Forms
     places: Indices
@@ -173,7 +174,8 @@ class Dependence:
             forms = Forms.of([self.nodes[k].arguments[0] for k in tables], place)
             places = np.array([self._ranges[k].start for k in tables], dtype=np.intp)
             numbers_of = np.array([self._table_of[k] for k in tables], dtype=np.intp)
-            found.append(Layer([k for k in numbers if self.nodes[k].table is None], numbers_of, forms, places))
+            functions = [k for k in numbers if self.nodes[k].table is None]
+            found.append(Layer(functions, frozenset(tables), numbers_of, forms, places))
         return found
 
     def before(self, places: Iterable[int]) -> frozenset[int]:
@@ -355,11 +357,11 @@ class Dependence:
         """Enter the values of inputs that depend on the state, in place; columns where there are many times.
 
         `friction` returns the friction forces of a motion, None where its modes are not known yet. Functions may be
-        slow: only the nodes `wanted` are computed, None for all. Each table follows the line of its region, also beyond
-        its borders; without `regions`, the line at its argument.
+        slow: only the nodes `wanted` are computed, None for all, and tables beside wanted ones. Each table follows the
+        line of its region, also beyond its borders; without `regions`, the line at its argument.
         """
         for layer in self._layers:
-            if layer.tables.size:
+            if layer.tables.size and (wanted is None or not layer.nodes.isdisjoint(wanted)):
                 self._enter_tables(layer, q, y, 1.0, regions)
             for number in layer.functions:
                 if wanted is None or number in wanted:
