@@ -39,7 +39,7 @@ def compute(points: int, dask: bool) -> SweepResult:
         return sweep(stuck_part, grid, progress=False)
     from distributed import Client, LocalCluster
 
-    local = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    local = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0")
     with local as cluster, Client(cluster) as client:
         return sweep(stuck_part, grid, executor=client.get_executor(pure=False), progress=False)
 

@@ -190,7 +190,7 @@ def test_threads_give_the_same_as_serial_and_stay_open():
 @pytest.mark.slow
 def test_dask_gives_the_same_as_serial():
     distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
+    options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
         executor = client.get_executor(pure=False)
         same(sweep(moody, GRID, executor=executor, progress=False), serial(moody))
