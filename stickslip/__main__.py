@@ -335,6 +335,8 @@ def _sweep(chosen: argparse.Namespace) -> int:
     varied = [path for path, values in grid.items() if len(values) > 1]
     if chosen.plot and len(varied) != 2:
         raise _BadInput(f"--plot draws a map over two fields, but {len(varied)} vary; see --csv")
+    if chosen.value and chosen.value not in runs.values:
+        raise _BadInput(f"--value {chosen.value}: no value is called so; choose from {', '.join(runs.values)}")
     code = _OK
     # with a single worker the sweep runs in this process
     how: dict[str, Any] = {"executor": "serial"} if chosen.workers == 1 else {"workers": chosen.workers}
@@ -363,8 +365,9 @@ def _grid(runs: SceneRuns, texts: Sequence[str]) -> dict[str, list[float]]:
             raise _BadInput(f"--vary {path} stands twice; list all its values at once")
         with _refusals(f"--vary {text}: "):
             grid[path] = values_of(values)
-            # a field that does not exist is refused here, and not once for each point
-            runs.at({path: grid[path][0]})
+    with _refusals("--vary: "):
+        # a field that does not exist is refused here, and not once for each point
+        runs.check(grid)
     return grid
 
 
@@ -386,8 +389,6 @@ def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: ar
     from stickslip import plots
 
     value = chosen.value or "events"
-    if value not in found.values:
-        raise _BadInput(f"--value {value}: no value is called so; choose from {', '.join(found.values)}")
     heads = _heads(runs, found)
     _save_figure(lambda: plots.sweep_map(found, varied[0], varied[1], value, labels=heads).figure, chosen.plot)
 
@@ -461,6 +462,8 @@ def _check_folders(outputs: Mapping[str, str | None]) -> None:
     for kind, path in outputs.items():
         if path and not Path(path).resolve().parent.is_dir():
             raise _BadInput(f"--{kind} {path}: there is no folder {Path(path).parent}; make it first")
+        if path and Path(path).is_dir():
+            raise _BadInput(f"--{kind} {path}: this is a folder; name a file")
 
 
 def _write(result: Result, outputs: Mapping[str, str | None]) -> None:

@@ -31,6 +31,8 @@ _LAST = ORDER - 1  # the first of the two orders from which the remainder is est
 # evaluations as a solver may.
 _AT_ONCE, _AT_MOST = 50_000, CALLS_AT_MOST / ORDER
 
+_LOOK_FOR_REST = 16  # steps after which it is looked whether all has come to rest
+
 _NOTHING = 1e-267  # a remainder below this counts as 0
 _LEADING = 4  # order up to which terms mostly decide the step; if all are 0, later ones are looked at, too
 _WORTH = 0.3
@@ -88,6 +90,14 @@ class Series:
             # a copy, so that the watched quantities and guards beside the states are not kept
             pieces.append(np.ascontiguousarray(c))
             ends.append(tau)
+            if len(pieces) % _LOOK_FOR_REST == 0 and math.isinf(self._max_step) and not hit and touched is None:
+                rest = motion.at_rest(tau, y)
+                if rest is not None:
+                    # no guard changes any more
+                    tau, y = horizon, rest
+                    pieces.append(rest[None])
+                    ends.append(horizon)
+                    break
             if motion.has_left(tau, y) or len(pieces) == _AT_ONCE:
                 # so that a long motion need not be kept whole: the next path goes on from here
                 break

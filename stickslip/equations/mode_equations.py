@@ -20,10 +20,11 @@ from stickslip.equations.algebra.matrices import (
     stacked,
 )
 from stickslip.equations.balance import Balance, component_numbers
+from stickslip.equations.equilibrium import Equilibrium
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads.loads import SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
-from stickslip.equations.system import System
+from stickslip.equations.system import CouplingForces, System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_small
 from stickslip.model.arrays import Array, Indices, Mask, Modes, like
 from stickslip.model.laws.table import VelocityDependentForces
@@ -184,6 +185,15 @@ class ModeEquations:
             return np.zeros((0, *y.shape[1:]))
         found: Array = self._elastic_y @ y + self._elastic_q @ q[: self.system.inputs]
         return found
+
+    @cached_property
+    def _gap_forces(self) -> CouplingForces | None:
+        """The forces of the gaps one by one, None if there are no gaps."""
+        system, rows = self.system, self.elastic
+        if not rows.size:
+            return None
+        to_ground = np.array([len(system.rows[j].coefficients) == 1 for j in rows.tolist()])
+        return CouplingForces(system.abs_GT[:, rows], self._elastic_y, self._elastic_q, to_ground)
 
     @cached_property
     def _abs_links(self) -> tuple[Any, Any]:
@@ -506,15 +516,41 @@ class ModeEquations:
     def accelerations_by_forces(self, y: Array, q: Array) -> Array:
         """Return what all forces would accelerate the bodies by if none of them cancelled, (n,).
 
-        It is 0 where other forces than those of springs and dampers depend on the state.
+        It is 0 where other forces than those of springs, dampers and gaps depend on the state.
         """
         system = self.system
-        if system.has_pushes_by_state or self.elastic.size or self.velocity_dependent.size:
+        if system.has_pushes_by_state or self.velocity_dependent.size:
             return np.zeros(system.n)
         q = q[: system.inputs]
         pressed = system.abs_GT @ (system.largest_coefficient * np.abs(q[: system.m]))
         forces = system.coupling_forces.sizes(y, q) + system.abs_push_Q @ np.abs(q) + pressed
+        if self._gap_forces is not None:
+            forces += self._gap_forces.sizes(y, q)
         return self.balance.majorants(forces, np.abs(system.drive_accelerations(q)))[0]
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        """The equilibrium of the bodies, of scenes with dense matrices."""
+        system, n = self.system, self.system.n
+        independent = np.ones(n, dtype=bool)
+        independent[self.dependent] = False
+        by_place = np.zeros((n, n))
+        by_place[:, system.moved] = self.C[:, system.moved_state]
+        return Equilibrium(system.inertia, self.balance.T[:, independent], by_place, self.C[:, :n])
+
+    def to_equilibrium(self, rest: Array, q: Array, speeds: Array, accelerations: Array) -> bool:
+        """Move a state with bodies at rest to the equilibrium, in place, if only roundoff of the places is between.
+
+        The motion has other `speeds` (n,); the bodies at rest would have these `accelerations` (n,).
+        """
+        system = self.system
+        abs_C, abs_Q = self._abs_links
+        terms = abs_C @ np.abs(rest) + abs_Q @ np.abs(q[: system.inputs])
+        distance = self._equilibrium.distance(terms, speeds, accelerations)
+        if distance is None:
+            return False
+        rest[system.moved_state] += distance[system.moved]
+        return True
 
     def majorants(self, y: Array, q: Array) -> tuple[Array, Array]:
         """Return majorants of the rates and of the watched quantities, from those of states and inputs.

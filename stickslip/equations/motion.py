@@ -449,6 +449,28 @@ class Motion(Inputs):
         sizes = self.equations.accelerations_by_forces(self.y, self.start_inputs)
         return bool(rate.any() and (np.abs(rate) <= _CANCELLED * sizes).all())
 
+    @cached_property
+    def _may_rest(self) -> bool:
+        """Whether nothing but springs, dampers, gaps and steady loads and levels acts on bodies."""
+        system, segment = self.system, self.segment
+        is_steady = segment.is_straight and segment.is_steady and not self.rises_push
+        is_plain = not system.has_pushes_by_state and system.size == system.first_bristle
+        return self.is_linear and is_steady and is_plain and not system.sparse
+
+    def at_rest(self, tau: float, y: Array) -> Array | None:
+        """Return the equilibrium if a state differs from it by roundoff only; else None."""
+        if not self._may_rest or self.is_rising(tau):
+            return None
+        system, equations, n = self.system, self.equations, self.system.n
+        rest = y.copy()
+        rest[:n] = 0.0
+        rest = self.exact(tau, rest)
+        rate, q = self.rate(tau, rest), self.inputs(tau, rest)
+        comes_to_rest = system.relative_velocity(rest, q)[equations.slip] == 0
+        if rate[n:].any() or comes_to_rest.any():
+            return None
+        return rest if equations.to_equilibrium(rest, q, (y - rest)[:n], rate[:n]) else None
+
     def guard_majorants(self, rows: GuardRows, order: int, no_new_dwells: bool = False) -> Array:
         """Return majorants of the Taylor coefficients of the guards at the start, an order per row.
 

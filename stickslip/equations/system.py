@@ -45,7 +45,7 @@ _NO_LAW = DryFriction(0.0, 0.0)
 
 
 class CouplingForces:
-    """The forces of springs and dampers one by one: in the sums over bodies those of far ends cancel."""
+    """The forces of springs and dampers, or gaps, one by one: in the sums over bodies those of far ends cancel."""
 
     def __init__(self, levers: Any, of_states: Any, of_inputs: Any, to_ground: Mask) -> None:
         """Take the sizes of the levers on the bodies, and what forces have of states and inputs, a line each."""

@@ -29,7 +29,7 @@ def energy(result: Readable, *, ax: Any = None) -> Any:
     ledger = result.fit_for_plot(FINE).energy()
     ax = own_axes(ax)
     scene = result.scene
-    acting = {"springs": scene.springs, "work of loads": scene.forces, "work of drives": scene.drives}
+    acting = {"springs": (*scene.springs, *scene.gaps), "work of loads": scene.forces, "work of drives": scene.drives}
     curves = {name: value for name, value in ledger.totals.items() if acting.get(name, True)}
     heat = losses(ledger)
     if len(heat) > _CURVES:

@@ -16,6 +16,9 @@ from stickslip.results.samples import Samples, integrated
 
 _CHANGES = "changes between runs"
 
+# Energies before and after a restart that differ by this part are the same.
+_SAME = 1e-14
+
 # If the balance error exceeds this part of the largest energy, the effect of roundoff is computed.
 _OFF = 1e-3
 
@@ -159,6 +162,11 @@ def _at_ends(samples: Samples) -> EnergyLedger:
     return _ledger(Samples.at_times(trajectory, np.array([trajectory.starts[0], trajectory.stops[-1]])))
 
 
+def _jump(before: float, after: float) -> float:
+    """Return by how much an energy changes from run to run, 0 if that is roundoff."""
+    return 0.0 if abs(after - before) <= _SAME * max(abs(before), abs(after)) else after - before
+
+
 def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> EnergyLedger:
     """Return the ledgers of runs in a row as one; `ends` are the ledgers at the start and the end of each run."""
     sizes = [ledger.t.size for ledger in ledgers]
@@ -178,7 +186,7 @@ def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> 
     t, kinetic, spring = (
         np.concatenate([getattr(ledger, kind) for ledger in ledgers]) for kind in ("t", "kinetic", "spring")
     )
-    jumps = [0.0] + [float(after.begun - before.stored[-1]) for before, after in pairwise(ends)]
+    jumps = [0.0] + [_jump(float(before.stored[-1]), float(after.begun)) for before, after in pairwise(ends)]
     return EnergyLedger(
         t,
         kinetic,

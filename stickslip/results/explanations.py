@@ -19,6 +19,7 @@ from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table,
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, as_signal
 from stickslip.results.causes import event_sentences
+from stickslip.results.in_a_row import BETWEEN
 from stickslip.results.outcome import Outcome
 from stickslip.results.readable import Readable
 from stickslip.results.units import units
@@ -44,7 +45,10 @@ def explain_result(result: Readable) -> str:
         trajectory = run.samples.trajectory
         lines = [*_compiled(trajectory.system, trajectory.loads), *_watched(run), *event_sentences(run)]
         if len(result.runs) > 1:
-            lines.insert(0, f"From {trajectory.starts[0]:g} s to {trajectory.stops[-1]:g} s")
+            start = float(trajectory.starts[0])
+            between = [f"  {event}" for event in result.events if event.t == start and event.cause == BETWEEN]
+            title = f"From {start:g} s to {trajectory.stops[-1]:g} s"
+            lines = [title, *(["Changes from the run before:", *between] if between else []), *lines]
         parts.append("\n".join(lines))
     return "\n\n".join(parts)
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from stickslip.results.outcome import Outcome
 from stickslip.results.samples import Samples
 
+BETWEEN = "between two runs"  # the cause of changes from the end of one run to the start of the next
+
 T = TypeVar("T")
 
 

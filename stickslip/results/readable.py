@@ -48,8 +48,8 @@ class Readable(PickledByFields):
         def energy(self) -> Any:
             """Return the energy ledger."""
 
-        def sample(self, times: int) -> Self:
-            """Return the same motion at a number of evenly spaced times."""
+        def sample(self, times: int | Array) -> Self:
+            """Return the same motion at other times, or at a number of evenly spaced ones."""
 
         def fit_for_plot(self, points: int = 0) -> Self:
             """Return the same motion at times between which straight lines look like it."""

@@ -158,7 +158,8 @@ def summary(result: Readable) -> dict[str, Any]:
     ended = [how_it_ended(run) for run in result.runs]
     data: dict[str, Any] = ended[0] if len(ended) == 1 else {"runs": ended}
     if result.t.size:
-        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
+        last = result.sample(result.t[-1:]) if result.is_dense else result
+        data["final"] = {name: _plain(column[-1]) for name, column in columns(last).items()}
         known = column_units(result)
         data["units"] = {name: known.get(name, "") for name in data["final"]}
     return data

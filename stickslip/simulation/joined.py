@@ -17,7 +17,7 @@ from stickslip.model.arrays import Array
 from stickslip.model.checks import every_digit, in_order, whole
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
-from stickslip.results.in_a_row import joined, of_each
+from stickslip.results.in_a_row import BETWEEN, joined, of_each
 from stickslip.results.outcome import Event
 from stickslip.results.readable import times_within
 from stickslip.results.samples import Samples
@@ -145,7 +145,7 @@ def _between(before: Result, after: Result) -> list[Event]:
     t = float(after.trajectory.starts[0])
     noted = {event.contact for event in after.events if event.t <= t}
     return [
-        Event(t, name, was, began[name], "between two runs")
+        Event(t, name, was, began[name], BETWEEN)
         for name, was in ended.items()
         if name in began and began[name] != was and name not in noted
     ]

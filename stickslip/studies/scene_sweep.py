@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +44,27 @@ class SceneRuns:
     def __call__(self, **point: float) -> dict[str, float]:
         """Simulate one point; return events, last velocities, and of each contact its stuck part and its heat."""
         return _read(simulate(self.at(point), self.t_span, **self.options))
+
+    def check(self, grid: Mapping[str, Sequence[float]]) -> None:
+        """Raise a ValueError if the scene has no such numbers, or the first refusal if no point is valid."""
+        parameters = named_parameters(self.scene, list(grid), "sweep", together=True)
+        first: ValueError | None = None
+        for point in itertools.product(*grid.values()):
+            try:
+                with_values(self.scene, parameters, list(point))
+            except ValueError as refusal:
+                first = first or refusal
+            else:
+                return
+        if first is not None:
+            raise first
+
+    @property
+    def values(self) -> list[str]:
+        """The names of the values of a point."""
+        rows = self.scene.contacts
+        found = ["events", *(f"velocity {body.name}" for body in self.scene.bodies)]
+        return [*found, *(f"{what} {row.name}" for what in ("stuck", "heat") for row in rows)]
 
     def unit(self, name: str) -> str:
         """Return the unit of a value or a parameter, or an empty text where it has none or is not known."""

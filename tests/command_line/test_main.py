@@ -255,11 +255,29 @@ def test_a_sweep_with_points_that_fail_exits_with_1(here, capsys):
         (["floor.normal=1", "--vary", "floor.normal=2"], "stands twice; list all its values at once"),
         (["floor.normal=1,2", "--plot", "o.png"], "--plot draws a map over two fields, but 1 vary"),
         (["floor.normal=1,2", "--csv", "none/o.csv"], "there is no folder none"),
+        (["floor.normal=1,2", "--save", "."], "--save .: this is a folder; name a file"),
+        (["floor.normal=1,2", "--value", "heat flor"], "choose from events, velocity block, stuck floor, heat floor"),
+        (["block.inertia=-1,-2", "--vary", "floor.normal=1,2"], "inertia must be positive"),
     ],
 )
 def test_bad_sweeps_exit_with_2_and_say_what_to_change(here, capsys, arguments, message):
     assert main(["sweep", "scene.toml", "--workers", "1", "--vary", *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("values", ["-1,1", "1,-1"])
+def test_a_value_that_cannot_be_is_one_failed_point(here, capsys, values):
+    assert main(["sweep", "scene.toml", "--workers", "1", "--vary", f"block.inertia={values}"]) == 1
+    text = capsys.readouterr().out
+    assert "sweep of 2 points: 1 failed" in text
+    assert "failed at block.inertia=-1.0" in text
+
+
+def test_fields_that_are_possible_only_together_are_varied_together(here, capsys):
+    """Each value alone contradicts the law of the file."""
+    laws = ["--vary", "floor.law.mu_static=0.05,0.08", "--vary", "floor.law.mu_coulomb=0.01,0.02"]
+    assert main(["sweep", "scene.toml", "--workers", "1", *laws]) == 0
+    assert "sweep of 4 points: 0 failed" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -326,7 +344,7 @@ def test_bad_scene_files_exit_with_2_and_say_what_to_change(here, capsys, text, 
         (["run", "list.json"], "expected a table with bodies"),
         (["run", "bad.json"], "not valid JSON"),
         (["run", "scene.toml", "--csv", "none/o.csv"], "there is no folder none; make it first"),
-        (["run", "scene.toml", "--csv", "."], "cannot be written"),
+        (["run", "scene.toml", "--csv", "."], "--csv .: this is a folder; name a file"),
         (["run", "scene.toml", "--plot", "o.what"], "Format 'what' is not supported"),
         (["run", "scene.toml", "--formulation", "guess"], "unknown formulation 'guess'"),
         (["run", "scene.toml", "--points", "0"], "points must be a whole number from 2 on"),

@@ -7,7 +7,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Force, Gear, Mode, Scene, Spring, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Gap,
+    Gear,
+    Mode,
+    Scene,
+    Spring,
+    simulate,
+    step,
+)
 
 LONG = 1e4  # span in s: thousands of periods of all springs here
 
@@ -122,3 +137,83 @@ def test_what_rolls_on_rolls_on(steady: bool) -> None:
     for name, speed in (("a", 0.1), ("b", 0.1), ("wheel", 0.05)):
         assert np.abs(result.velocity(name) - speed).max() < 1e-11
     assert result.position("a")[-1] == pytest.approx(9.7, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("count", [1, 4, 20])
+def test_what_lies_on_an_elastic_floor_lies_still(count: int, seed: int) -> None:
+    """At ``x = floor - m g / k`` the gap carries the weight; large scenes have parts."""
+    rng = np.random.default_rng(seed)
+    g, k, elements = 9.81, 1e4, []
+    for i in range(count):
+        m, floor = round(rng.uniform(0.3, 3.0), 1), round(rng.uniform(-1.0, 1.0), 1)
+        elements += [Body(f"m{i}", inertia=m, position=floor - m * g / k), Force(f"m{i}", -m * g)]
+        elements += [Gap(f"floor{i}", f"m{i}", GROUND, lower=floor, stiffness=k)]
+    result = simulate(Scene(*elements), (0.0, LONG))
+    assert all(np.all(result.velocity(f"m{i}") == 0.0) for i in range(count))
+    assert result.stats["steps"] == 1
+
+
+@pytest.mark.parametrize("place", [0.0, -0.7, 1e3])
+@pytest.mark.parametrize("ratio", [0.01, 0.3, 1.0, 5.0])
+def test_what_has_come_to_rest_waits_at_no_cost(ratio: float, place: float) -> None:
+    """A damped body (30 rad/s) comes to rest at ``x0 - g / omega^2``; after any wait it answers to a load as then.
+
+    Under a step of 1 N it has ``x = (1 - exp(-delta t) (cos wd t + delta / wd sin wd t)) / omega^2``, with a ratio
+    below 1.
+    """
+    omega, g = 30.0, 9.81
+    steps = []
+    for wait in (1e4, 1e6):
+        scene = Scene(
+            Body("m", inertia=1.0, position=place),
+            Spring("m", GROUND, stiffness=omega**2, damping=2 * ratio * omega, rest=place),
+            Force("m", -g),
+            Force("m", step(wait)),
+        )
+        result = simulate(scene, (0.0, wait + 1.0), method="series")
+        steps.append(result.stats["steps"])
+        before = result.sample([0.4 * wait, wait])
+        assert np.all(before.velocity("m") == 0.0)
+        np.testing.assert_allclose(before.position("m"), place - g / omega**2, rtol=1e-15, atol=1e-16 * abs(place))
+        if ratio < 1:
+            t = np.linspace(0.0, 1.0, 50)
+            delta, wd = ratio * omega, omega * np.sqrt(1 - ratio**2)
+            exact = (1 - np.exp(-delta * t) * (np.cos(wd * t) + delta / wd * np.sin(wd * t))) / omega**2
+            found = result.sample(wait + t).position("m") - before.position("m")[-1]
+            # times of 1e6 s have roundoff of 1e-10 s
+            assert np.abs(found - exact).max() < 1e-10 * wait**0.5 + 1e-15 * abs(place)
+    assert abs(steps[0] - steps[1]) < 60
+    assert max(steps) < 10_000
+
+
+def test_what_comes_to_rest_beside_a_moving_belt_stays_there() -> None:
+    """The belt drags with 0.2 * 3 N: in the end both bodies hang still, and the contact slips on."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0, position=0.4),
+        Drive("belt", velocity=5.0),
+        Contact("rub", "a", "belt", DryFriction(0.3, 0.2), normal=3.0),
+        Spring("a", GROUND, stiffness=100.0, damping=8.0),
+        Spring("b", "a", stiffness=50.0, damping=5.0, rest=0.3),
+    )
+    result = simulate(scene, (0.0, 1e6))
+    assert result.position("a")[-1] == pytest.approx(0.6 / 100.0, rel=1e-15)
+    assert result.position("b")[-1] == pytest.approx(0.6 / 100.0 + 0.3, rel=1e-15)
+    assert result.velocity("a")[-1] == result.velocity("b")[-1] == 0.0
+    assert result.mode("rub")[-1] == Mode.BACKWARD
+    assert result.stats["steps"] < 2000
+
+
+def test_what_drifts_slowly_drifts_on() -> None:
+    """Only one of two bodies hangs on a spring; 1e-13 m/s takes the free one 1e-8 m in 1e5 s."""
+    scene = Scene(
+        Body("hung", inertia=1.0, position=1.0),
+        Spring("hung", GROUND, stiffness=400.0, damping=20.0),
+        Force("hung", 400.0),
+        Body("free", inertia=1.0, position=0.0, velocity=1e-13),
+        Body("pulled", inertia=1.0, position=0.0, velocity=1e-13),
+        Spring("pulled", "free", stiffness=1.0),
+    )
+    result = simulate(scene, (0.0, 1e5))
+    assert result.position("free")[-1] == pytest.approx(1e-8, rel=1e-9)

@@ -16,6 +16,7 @@ from stickslip import (
     Contact,
     DryFriction,
     Force,
+    Gap,
     Gear,
     Karnopp,
     LuGre,
@@ -392,6 +393,14 @@ def test_energy_draws_the_ledger(wheels, blocks):
     assert heat[-1] == pytest.approx(energy(wheels).contacts["brake"][-1])
     assert "balance error" in ax.get_title(loc="left")
     assert "work of drives" in labels(plots.energy(blocks)) and "springs" in labels(plots.energy(blocks))
+
+
+def test_energy_draws_what_gaps_store():
+    """A body of 1 kg at 2 m/s is stopped by an elastic gap of 100 N/m: all of 2 J are in the gap at pi / 20 s."""
+    gap = Gap("wall", "a", GROUND, upper=0.0, stiffness=100.0)
+    ax = plots.energy(simulate(Scene(Body("a", inertia=1.0, velocity=2.0), gap), (0.0, 0.3)))
+    stored = curve(ax, "springs").get_ydata()
+    assert stored.max() == pytest.approx(2.0, rel=1e-4)
 
 
 def test_results_without_dense_output_are_drawn_at_their_points():

@@ -15,12 +15,15 @@ from stickslip import (
     Block,
     Body,
     Contact,
+    Drive,
     DryFriction,
     Force,
     Joined,
+    LuGre,
     Mode,
     Result,
     Scene,
+    Spring,
     join,
     output,
     signal,
@@ -256,3 +259,33 @@ def test_runs_that_are_joined_already_can_be_joined_again(runs: tuple[Result, Jo
     np.testing.assert_array_equal(again.t, whole.t)
     with pytest.raises(TypeError, match="expected results of simulate or join, got 3"):
         join([first, 3])  # type: ignore[list-item]
+
+
+def test_a_plain_restart_changes_no_energy() -> None:
+    """Roundoff of the energies at both sides of the restart is no change."""
+    scene = Scene(
+        Body("a", inertia=1.3, position=0.1),
+        Drive("belt", velocity=0.3),
+        Contact("rub", "a", "belt", LuGre(DryFriction(0.3, 0.2), stiffness=1e4, damping=10.0), normal=7.0),
+        Spring("a", GROUND, stiffness=50.0, rest=0.07),
+    )
+    runs = [simulate(scene, (0.0, 0.7))]
+    for start in (0.7, 1.4, 2.1):
+        runs.append(simulate(runs[-1].final_scene(), (start, start + 0.7)))
+    ledger = join(runs).energy()
+    assert np.all(ledger.changes == 0.0)
+    assert "changes between runs" not in str(ledger)
+    assert "changes between runs" not in output.columns(join(runs))
+
+
+def test_explain_tells_of_changes_between_runs() -> None:
+    """A load that only the second run has tears a stuck block loose."""
+    block = (Body("a", inertia=1.0), Contact("rub", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0))
+    first = simulate(Scene(*block), (0.0, 2.0))
+    second = simulate(Scene(*first.final_scene().elements, Force("a", 5.0)), (2.0, 3.0))
+    both = join([first, second])
+    (event,) = both.events
+    assert event.cause == "between two runs"
+    head, tail = both.explain().split("From 2 s to 3 s\n")
+    assert "Changes from the run before" not in head
+    assert tail.startswith(f"Changes from the run before:\n  {event}\n")

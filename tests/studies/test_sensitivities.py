@@ -1699,3 +1699,32 @@ def test_derivatives_do_not_depend_on_the_turns_of_a_motor(turned: float) -> Non
 
     told = solve_ivp(rates, (0.0, 2.0), [0.01, 0.1, 0.0, 1.0], method="DOP853", rtol=1e-11, atol=1e-13)
     assert found == pytest.approx(told.y[2, -1], rel=1e-5)
+
+
+@pytest.mark.parametrize("mass, restitution", [(2.0, 0.5), (1.0, 0.0), (1.0, 1.0)])
+def test_after_an_impact_that_brings_a_contact_to_rest_exactly_there_is_no_derivative(
+    mass: float, restitution: float
+) -> None:
+    """With ``m1 = e m2`` the first body has velocity 0 after the impact; its load then drives it on.
+
+    Near by, it turns back or goes on at once: friction has the one or the other direction.
+    """
+    friction = DryFriction(0.3, 0.2)
+
+    def scene(restitution: float) -> Scene:
+        return Scene(
+            Body("a", inertia=1.0, velocity=2.0),
+            Body("b", inertia=mass, position=0.5),
+            Stop("bumper", "a", "b", upper=0.0, restitution=restitution),
+            Contact("under a", "a", GROUND, friction, normal=9.81),
+            Contact("under b", "b", GROUND, friction, normal=9.81 * mass),
+            Force("a", 4.5),
+        )
+
+    found = sensitivities(scene(restitution), (0.0, 0.6), ["bumper.restitution"])
+    stops = restitution * mass == 1.0
+    assert np.isnan(found.position("a")).all() == stops
+    assert len(found.reasons) == stops
+    if stops:
+        (reason,) = found.reasons
+        assert "'under a' has relative velocity 0 after an impact and begins to slip" in reason

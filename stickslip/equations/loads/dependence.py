@@ -80,6 +80,12 @@ def _compressed(lines: Sequence[Mapping[int, float]]) -> tuple[Indices, Any]:
     return np.array(columns, dtype=np.intp), matrix
 
 
+def _line_of(columns: Indices, matrix: Any, line: int) -> list[tuple[int, float]]:
+    """Return the columns of a line that are not 0, each with the size of its coefficient."""
+    _, at, values = scipy.sparse.find(matrix[[line]])
+    return list(zip(columns[at].tolist(), np.abs(values).tolist(), strict=True))
+
+
 @dataclass(frozen=True)
 class Layer:
     """Nodes that read none of each other: the numbers of functions among all nodes, and of tables among all tables.
@@ -253,9 +259,9 @@ class Dependence:
 
         def enter(place: int, forms: Forms, line: int, slope: float) -> None:
             found = rows.setdefault(place, {})
-            for column, c in zip(forms.states.tolist(), np.abs(forms.S[line]).tolist(), strict=True):
+            for column, c in _line_of(forms.states, forms.S, line):
                 found[column] = found.get(column, 0.0) + slope * c
-            for other, c in zip(forms.places.tolist(), np.abs(forms.P[line]).tolist(), strict=True):
+            for other, c in _line_of(forms.places, forms.P, line):
                 for column, of_other in rows.get(other, {}).items():
                     found[column] = found.get(column, 0.0) + slope * c * of_other
 

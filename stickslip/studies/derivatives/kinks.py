@@ -36,15 +36,32 @@ def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Arra
     times = np.zeros(nearby.count)
     for k, label in _off_levels(VariedGuards(nearby, piece, motion), S, since, times):
         yield k, f"{label} starts at its level: the derivatives to the two sides differ"
+    for k, name in _off_rest(nearby, motion, S, times):
+        label = f"{name!r} starts at relative velocity 0"
+        yield k, f"{label} and begins to slip: the derivatives to the two sides differ"
+
+
+def after_impact(nearby: Nearby, motion: Motion, S: Array, times: Array) -> Iterator[tuple[int, str]]:
+    """Find directions that move rows off rest that an impact brings there exactly, and that slip on."""
+    for k, name in _off_rest(nearby, motion, S, times):
+        label = f"{name!r} has relative velocity 0 after an impact"
+        yield k, f"{label} and begins to slip: the derivatives to the two sides differ"
+
+
+def _off_rest(nearby: Nearby, motion: Motion, S: Array, times: Array) -> Iterator[tuple[int, str]]:
+    """Find directions that move rows off rest that begin to slip there, with the names of the rows.
+
+    The time at which the motion starts changes by `times`.
+    """
     slip = motion.equations.slip
     rows = slip[nearby.at_rest(motion)[slip]]
     if not rows.size:
         return
-    slopes = nearby.slopes_at(_relative, motion, np.zeros_like(since), 0.0, motion.y, S)
-    scale = _speed_slopes(nearby, S, np.zeros(nearby.system.n), times)
+    slopes = nearby.slopes_at(_relative, motion, np.zeros((nearby.system.m, nearby.count)), 0.0, motion.y, S)
+    slopes += np.outer(motion.relative_accelerations(0.0, motion.y), times)
+    scale = _speed_slopes(nearby, S, motion.rate(0.0, motion.y), times)
     for k, i in _moved(slopes[rows], TIE * scale):
-        label = f"{nearby.system.rows[rows[i]].name!r} starts at relative velocity 0"
-        yield k, f"{label} and begins to slip: the derivatives to the two sides differ"
+        yield k, nearby.system.rows[rows[i]].name
 
 
 def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:

@@ -296,6 +296,8 @@ class Variation(Nearby):
             found[:n, k] = balance.project(slope, rates * times[k]) + near
         found -= np.outer(after.rate(0.0, following.y), times)
         found[self._unbent_bristles(following)] = 0.0
+        if impact.jumps:
+            self._refuse(piece.stop, kinks.after_impact(self, after, found, times), found)
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)
         self._refuse(piece.stop, kinks.beyond_event(self, following, after, found, since, times), found)
