@@ -38,6 +38,10 @@ _TIE = 1e-11
 _MOST_AT_ONCE = 4  # borders that gaps may pass in one instant before the whole scene is settled
 _NONE = np.empty(0, dtype=np.intp)
 
+# Renewals without an event between after which it is looked whether all bodies are so slow, as parts of their places
+# in the unit of time of the series, that they may have come to rest.
+_LOOK_FOR_REST, _SLOW = 16, 1e-12
+
 _FLUSH = 50  # series for each body and row after which a run that keeps only outputs hands over what it has
 
 
@@ -74,6 +78,7 @@ class Local:
         self._margin = margin
         self.most_guards = self._held = self._most_held = self._armed = 0
         self._opened, self._any_slick = _NONE, False
+        self._renewals, self._until_look, self._seems_at_rest = 0, _LOOK_FOR_REST, False
         self._stopped: str | None = None
 
     @property
@@ -107,6 +112,11 @@ class Local:
         if not (self._forest.takes(motion.segment) and plain.all() and motion.horizon > 0):
             return False
         # one long step of the whole scene is cheaper than many parts that roundoff keeps moving
+        if self._seems_at_rest:
+            self._seems_at_rest = False
+            if motion.at_rest(0.0, motion.y) is not None:
+                self._until_look = _LOOK_FOR_REST
+                return False
         return not motion.is_balanced
 
     def follow(self, now: Settled) -> Ending | None:
@@ -150,6 +160,8 @@ class Local:
                 self._renew(parts.series_end)
                 if self._bad.size or self._opened.size:
                     return self._ending(parts.renewed_at, self._bad, self._any_gap(self._bad))
+                if self._looks_at_rest():
+                    return self._ending(parts.renewed_at, _NONE, False)
                 continue
             if not is_root[j]:
                 self._next_roots.refine(j)
@@ -231,6 +243,20 @@ class Local:
         self._bad = self._next_roots.look(rows, t, live)
         if unclear.size:
             self._bad = np.concatenate([self._bad, unclear])
+
+    def _looks_at_rest(self) -> bool:
+        """Tell whether all bodies may have come to rest; the next look comes after twice as long, unless they have."""
+        self._renewals += 1
+        if self._renewals < self._until_look:
+            return False
+        self._renewals = 0
+        parts, system = self._parts, self._now.motion.system
+        speeds, places = np.split(np.abs(parts.state(parts.renewed_at)), [system.n])
+        slow = speeds.max(initial=0.0) * parts.unit <= _SLOW * places.max(initial=0.0)
+        self._seems_at_rest = bool(slow) and not system.sparse
+        if self._seems_at_rest:
+            self._until_look *= 2
+        return self._seems_at_rest
 
     # -- one event -------------------------------------------------------------------------------------------
 
@@ -410,6 +436,8 @@ class Local:
     def _tick(self, t: float, is_event: bool) -> None:
         parts = self._parts
         self._last = t
+        if is_event:
+            self._renewals = 0
         if (
             not self._recorder.keeps_paths
             and self._patches.entries > _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]

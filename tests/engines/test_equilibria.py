@@ -187,6 +187,24 @@ def test_what_has_come_to_rest_waits_at_no_cost(ratio: float, place: float) -> N
     assert max(steps) < 10_000
 
 
+@pytest.mark.parametrize("count", [20, 100])
+def test_many_bodies_that_have_come_to_rest_wait_at_no_cost(count: int) -> None:
+    """Large scenes have parts; all hang at ``x = -g / k`` until a step of 1 N moves one by 1 / k."""
+    g, k, wait = 9.81, 900.0, 1e5
+    scene = Scene(
+        *(Body(f"m{i}", inertia=1.0, position=0.1 * (i % 7)) for i in range(count)),
+        *(Spring(f"m{i}", GROUND, stiffness=k, damping=30.0) for i in range(count)),
+        *(Force(f"m{i}", -g) for i in range(count)),
+        Force("m3", step(wait)),
+    )
+    result = simulate(scene, (0.0, wait + 10.0))
+    assert result.stats["engine"] == "Taylor series"
+    assert result.stats["steps"] < 1000
+    for i in range(count):
+        at = result.sample([0.5 * wait, wait + 10.0]).position(f"m{i}")
+        np.testing.assert_allclose(at, [-g / k, (-g + (i == 3)) / k], rtol=1e-13)
+
+
 def test_what_comes_to_rest_beside_a_moving_belt_stays_there() -> None:
     """The belt drags with 0.2 * 3 N: in the end both bodies hang still, and the contact slips on."""
     scene = Scene(
