@@ -61,7 +61,7 @@ class Inputs:
         """Return the inputs that loads are at local time `tau`, without what depends on the state."""
         if isinstance(tau, np.ndarray):
             return self.segment.sampled(self.t + tau)
-        return self.segment.at(self.t + tau)
+        return self.segment.at(self.t, tau)
 
     def inputs(self, tau: float | Array, y: Array, wanted: Collection[int] | None = None) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array.

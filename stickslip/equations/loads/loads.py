@@ -206,19 +206,22 @@ class Segment:
         bent = {i for i, *_ in sines} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
 
-    def at(self, t: float) -> Array:
-        """Return the inputs at `t`; functions count with their left limit at the end of the segment."""
-        q = self.line(t)
+    def at(self, t: float, ahead: float = 0.0) -> Array:
+        """Return the inputs at ``t + ahead``; functions count with their left limit at the end of the segment.
+
+        A sum of both times would be rounded: late in a long run that is noise, which solvers follow in tiny steps.
+        """
+        q = self.line(t, ahead)
         if not self.is_straight:
             if self.has_sines:
-                np.add.at(q, self.sines.entry, self.sines.at(t))
+                np.add.at(q, self.sines.entry, self.sines.at(t, ahead))
             for i, function in self._functions:
-                q[i] += function(min(t, self._before_stop))
+                q[i] += function(min(t + ahead, self._before_stop))
         return q
 
-    def line(self, t: float) -> Array:
-        """Return the straight part of the inputs at `t`."""
-        return self.value + (t - self.start) * self.slope
+    def line(self, t: float, ahead: float = 0.0) -> Array:
+        """Return the straight part of the inputs at ``t + ahead``."""
+        return self.value + (t - self.start + ahead) * self.slope
 
     @property
     def terms(self) -> int:

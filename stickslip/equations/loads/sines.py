@@ -38,9 +38,9 @@ class Sines:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
         return np.asarray(2 * math.pi * np.fmod(self.frequency * t, 1.0) + self.phase)
 
-    def at(self, t: float) -> Array:
-        """Return their values at a time."""
-        return np.asarray(self.amplitude * np.sin(self.angle(t)))
+    def at(self, t: float, ahead: float = 0.0) -> Array:
+        """Return their values at ``t + ahead``."""
+        return np.asarray(self.amplitude * np.sin(self.angle(t) + ahead * self.turn))
 
     def values(self, number: int, t: Array) -> Array:
         """Return the values of one of them at some times."""
