@@ -98,6 +98,18 @@ def _has_passed(velocity: Any, leeway: Any) -> Any:
     return (velocity >= (FULLY - 1) * leeway) | (velocity <= -FULLY * leeway)
 
 
+def _die_away(motion: Motion, guards: Guards, path: Path, values: Array, some: Mask) -> Mask:
+    """Tell which of some guards are velocities that die away: they are small, but do not come to 0 at their rate."""
+    some = some & guards.is_velocity & (values > 0)
+    if path.guard is not None:
+        some[path.guard] = False
+    if not some.any():
+        return some
+    tau = float(path.taus[-1])
+    falls = -guards.rows.sign * motion.relative_accelerations(tau, path.last)[guards.row]
+    return np.asarray(some & (falls > 0) & (falls * tau <= _AT_A_RATE * values))
+
+
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
@@ -112,6 +124,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
+        at &= ~_die_away(motion, guards, path, values, at)
         if (part.min() if path.guard is None else part[path.guard]) > _NEAR:
             # The guard that came to 0 is not small: it left 0 so short a time before that it is still roundoff, or its
             # value is the roundoff of what it compares.
