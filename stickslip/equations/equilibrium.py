@@ -9,7 +9,7 @@ from stickslip.model.arrays import Array
 
 # Part of its place, or of the lengths of its springs, by which a body may be away from its equilibrium: with little
 # damping, roundoff of hundreds of steps keeps it moving.
-_ROUNDOFF = 256 * np.finfo(float).eps
+_ROUNDOFF = 32 * np.finfo(float).eps
 
 
 class Equilibrium:
