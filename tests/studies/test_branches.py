@@ -18,6 +18,7 @@ from stickslip import (
     Body,
     Contact,
     Cycle,
+    Damper,
     Drive,
     DryFriction,
     Force,
@@ -497,3 +498,47 @@ def test_options_and_periods_that_are_none_are_refused() -> None:
             continue_cycle(scene, "belt.velocity", values, period=wrong)
     with pytest.raises(TypeError, match="continue_cycle: period must take a value of the parameter"):
         continue_cycle(scene, "belt.velocity", values, period=lambda value, other: 1.0)
+
+
+@pytest.mark.slow
+def test_a_cycle_of_two_periods_ends_where_both_halves_become_equal() -> None:
+    """A bouncing oscillator: cycles of two periods of the load meet those of one at a flip, at 2.65334772785524 rad/s.
+
+    There the cycle of one period has the multiplier -1 (docs/branches.md).
+    """
+    speeds = np.array([2.70, 2.66, 2.64, 2.60])
+    scene = Scene(
+        Body("mass", inertia=1.0, position=-0.1),
+        Spring("mass", GROUND, stiffness=1.0),
+        Stop("wall", "mass", GROUND, upper=0.0, restitution=0.8),
+        Force("mass", sine(1.0, speeds[0] / (2 * math.pi))),
+    )
+    branch = continue_cycle(scene, "forces[0].signal.frequency", speeds / (2 * math.pi), period=lambda f: 2 / f)
+    (point,) = branch.points
+    assert point.kind == "end" and "a shorter one that is run through several times" in point.message
+    assert 2 * math.pi * point.value == pytest.approx(2.65334772785524, rel=1e-5)
+    assert [cycle is None for cycle in branch.cycles] == [False, False, True, True]
+
+
+@pytest.mark.slow
+def test_beyond_a_fold_a_long_step_does_not_jump_to_turns_of_another_cycle() -> None:
+    """Between 3 and 2 rad/s of a drill string: small steps end the branch beyond the fold at 2.24711 rad/s, too."""
+    speed = 3.0
+    scene = Scene(
+        Body("mid", inertia=930.0, velocity=speed),
+        Body("bit", inertia=375.0),
+        Drive("table", velocity=speed),
+        Spring("table", "mid", stiffness=460.0, damping=10.0),
+        Spring("mid", "bit", stiffness=300.0, damping=8.0),
+        Damper("bit", GROUND, damping=5.0),
+        Contact("rock", "bit", GROUND, DryFriction(2500.0, 1000.0), normal=1.0),
+        motion="rotation",
+    )
+    branch = continue_cycle(scene, "table.velocity", [3.0, 2.0])
+    assert branch.points[-1].kind == "fold"
+    assert branch.points[-1].value == pytest.approx(2.17797578, rel=1e-6)
+    assert branch.beyond is not None
+    (point,) = branch.beyond.points
+    assert point.kind == "end"
+    assert point.value == pytest.approx(2.24711, rel=1e-5)
+    assert branch.beyond.cycles == (None,)

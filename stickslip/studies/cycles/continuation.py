@@ -20,7 +20,7 @@ from stickslip.studies.cycles.newton import closed_from, cycle_within
 from stickslip.studies.cycles.phases import alike, vanishing
 from stickslip.studies.cycles.points import Reached, points_between
 from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
-from stickslip.studies.cycles.search import limit_cycle
+from stickslip.studies.cycles.search import limit_cycle, single_turn
 from stickslip.studies.cycles.shooting import CycleError
 from stickslip.studies.parameters import Parameter, named_parameters
 
@@ -224,7 +224,10 @@ class Follower:
             return cycle
         given = self.period(value)
         longer = None if given is None else given - cycle.period
-        return centred(closed_from(cycle, self._parameter, before, value, longer, carefully))
+        following = centred(closed_from(cycle, self._parameter, before, value, longer, carefully))
+        if single_turn(following) is not None and single_turn(cycle) is None:
+            raise CycleError("the cycle becomes a shorter one that is run through several times")
+        return following
 
     # -- where it does not go on -------------------------------------------------------------------------------
 

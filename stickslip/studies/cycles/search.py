@@ -138,14 +138,20 @@ def limit_cycle(
 
 def _once(cycle: Cycle) -> Cycle:
     """Return a single turn of a cycle of free period, where it was found as several turns."""
+    shot = single_turn(cycle)
+    return cycle if shot is None else closed(shot)
+
+
+def single_turn(cycle: Cycle) -> Shot | None:
+    """Return the shot over a single turn of a cycle that consists of several equal ones; None for others."""
     count = len(cycle.sequence)
     for turns in range(count, 1, -1):
-        if count % turns:
+        if count % turns or cycle.sequence != cycle.sequence[: count // turns] * turns:
             continue
-        shot = Shot(cycle.scene, cycle.period / turns, False, cycle.shot.options)
+        shot = Shot(cycle.shot.scene, cycle.period / turns, False, cycle.shot.options, cycle.shot.begin)
         if shot.error <= 1e3 * shot.tolerance:
-            return closed(shot)
-    return cycle
+            return shot
+    return None
 
 
 def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
