@@ -41,7 +41,7 @@ class Equilibrium:
             return None
         left = self._T.T @ (self._inertia * accelerations)
         away = self._compliance @ left
-        energy = float(speeds @ (self._inertia * speeds) + left @ away)
+        energy = max(float(speeds @ (self._inertia * speeds) + left @ away), 0.0)
         farthest = np.sqrt(energy * np.diag(self._compliance))
         if (farthest * self._stiffness > _ROUNDOFF * np.abs(self._T.T) @ terms).any():
             return None
