@@ -532,11 +532,10 @@ class ModeEquations:
     def _equilibrium(self) -> Equilibrium:
         """The equilibrium of the bodies, of scenes with dense matrices."""
         system, n = self.system, self.system.n
-        independent = np.ones(n, dtype=bool)
-        independent[self.dependent] = False
         by_place = np.zeros((n, n))
         by_place[:, system.moved] = self.C[:, system.moved_state]
-        return Equilibrium(system.inertia, self.balance.T[:, independent], by_place, self.C[:, :n])
+        of_independent = np.delete(self.balance.T, self.dependent, axis=1)
+        return Equilibrium(system.inertia, of_independent, by_place, self.C[:, :n])
 
     def to_equilibrium(self, rest: Array, q: Array, speeds: Array, accelerations: Array) -> bool:
         """Move a state with bodies at rest to the equilibrium, in place, if only roundoff of the places is between.

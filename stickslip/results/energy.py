@@ -162,7 +162,7 @@ def _at_ends(samples: Samples) -> EnergyLedger:
     return _ledger(Samples.at_times(trajectory, np.array([trajectory.starts[0], trajectory.stops[-1]])))
 
 
-def _jump(before: float, after: float) -> float:
+def _change(before: float, after: float) -> float:
     """Return by how much an energy changes from run to run, 0 if that is roundoff."""
     return 0.0 if abs(after - before) <= _SAME * max(abs(before), abs(after)) else after - before
 
@@ -186,7 +186,7 @@ def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> 
     t, kinetic, spring = (
         np.concatenate([getattr(ledger, kind) for ledger in ledgers]) for kind in ("t", "kinetic", "spring")
     )
-    jumps = [0.0] + [_jump(float(before.stored[-1]), float(after.begun)) for before, after in pairwise(ends)]
+    jumps = [0.0] + [_change(float(before.stored[-1]), float(after.begun)) for before, after in pairwise(ends)]
     return EnergyLedger(
         t,
         kinetic,

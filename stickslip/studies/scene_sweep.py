@@ -43,7 +43,8 @@ class SceneRuns:
 
     def __call__(self, **point: float) -> dict[str, float]:
         """Simulate one point; return events, last velocities, and of each contact its stuck part and its heat."""
-        return _read(simulate(self.at(point), self.t_span, **self.options))
+        result = simulate(self.at(point), self.t_span, **self.options)
+        return dict(zip(self.values, _read(result), strict=True))
 
     def check(self, grid: Mapping[str, Sequence[float]]) -> None:
         """Raise a ValueError if the scene has no such numbers, or the first refusal if no point is valid."""
@@ -61,7 +62,7 @@ class SceneRuns:
 
     @property
     def values(self) -> list[str]:
-        """The names of the values of a point."""
+        """The names of the values of a point, in the order in which they are read."""
         rows = self.scene.contacts
         found = ["events", *(f"velocity {body.name}" for body in self.scene.bodies)]
         return [*found, *(f"{what} {row.name}" for what in ("stuck", "heat") for row in rows)]
@@ -96,8 +97,12 @@ def values_of(text: str) -> list[float]:
     return [float(value) for value in spaced]
 
 
-def _read(result: Result) -> dict[str, float]:
-    found: dict[str, float] = {"events": float(len(result.events))}
-    found |= {f"velocity {body.name}": result.velocity(body.name)[-1] for body in result.scene.bodies}
-    found |= {f"stuck {row.name}": result.share(row.name)[Mode.STUCK] for row in result.scene.contacts}
-    return found | {f"heat {name}": heat[-1] for name, heat in result.energy().contacts.items()}
+def _read(result: Result) -> list[float]:
+    """Return the values of a run whose names are `SceneRuns.values`."""
+    scene, heat = result.scene, result.energy().contacts
+    return [
+        float(len(result.events)),
+        *(result.velocity(body.name)[-1] for body in scene.bodies),
+        *(result.share(row.name)[Mode.STUCK] for row in scene.contacts),
+        *(heat[row.name][-1] for row in scene.contacts),
+    ]
