@@ -206,7 +206,7 @@ def _add(parser: argparse.ArgumentParser, flags: Sequence[str] = (), **files: st
 
 def _benchmark(chosen: argparse.Namespace) -> int:
     plot = None if chosen.no_plot else chosen.plot
-    _check_folders({"plot": plot})
+    _check_files({"plot": plot})
     options = {name: value for name in ("rtol", "atol") if (value := getattr(chosen, name)) is not None}
     scene = Scene(*flywheel_benchmark().elements, motion="rotation")
     timed = [_timed(scene, options | engine) for engine in _ENGINES]
@@ -272,7 +272,7 @@ def _same_story(result: Result) -> bool:
 
 def _run(chosen: argparse.Namespace) -> int:
     outputs = {kind: getattr(chosen, kind) for kind in ("plot", "report", "csv", "json", "save")}
-    _check_folders(outputs)
+    _check_files(outputs)
     scene, given = _scene_file(chosen)
     options = _options(chosen, given)
     span = options.pop("span")
@@ -293,7 +293,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 def _draw_scene(chosen: argparse.Namespace) -> int:
     target = chosen.plot or str(Path(chosen.scene).with_suffix(".png").name)
-    _check_folders({"plot": target})
+    _check_files({"plot": target})
     scene, _ = _scene_file(chosen)
     _save_figure(scene.draw, target)
     print(f"figure: {target}")
@@ -309,7 +309,7 @@ def _explain(chosen: argparse.Namespace) -> int:
 
 
 def _tradeoff(chosen: argparse.Namespace) -> int:
-    _check_folders({"plot": chosen.plot})
+    _check_files({"plot": chosen.plot})
     scene, given = _scene_file(chosen)
     span = _options(chosen, given)["span"]
     for name in ("error", "time"):
@@ -327,7 +327,7 @@ def _tradeoff(chosen: argparse.Namespace) -> int:
 
 
 def _sweep(chosen: argparse.Namespace) -> int:
-    _check_folders({kind: getattr(chosen, kind) for kind in ("csv", "save", "plot")})
+    _check_files({kind: getattr(chosen, kind) for kind in ("csv", "save", "plot")})
     scene, given = _scene_file(chosen)
     options = _options(chosen, given)
     runs = SceneRuns(scene, options.pop("span"), options)
@@ -458,12 +458,20 @@ def _print_run(result: Result) -> None:
 # -- files ------------------------------------------------------------------------------------------------
 
 
-def _check_folders(outputs: Mapping[str, str | None]) -> None:
+def _check_files(outputs: Mapping[str, str | None]) -> None:
     for kind, path in outputs.items():
         if path and not Path(path).resolve().parent.is_dir():
             raise _BadInput(f"--{kind} {path}: there is no folder {Path(path).parent}; make it first")
         if path and Path(path).is_dir():
             raise _BadInput(f"--{kind} {path}: this is a folder; name a file")
+    figure = outputs.get("plot") or ""
+    # the usual ones are known without loading matplotlib
+    if (suffix := Path(figure).suffix[1:].lower()) not in ("", "png", "svg", "pdf"):
+        from matplotlib.backend_bases import FigureCanvasBase
+
+        known = FigureCanvasBase.get_supported_filetypes()
+        if suffix not in known:
+            raise _BadInput(f"--plot {figure}: no figure can be written as .{suffix}; choose from {', '.join(known)}")
 
 
 def _write(result: Result, outputs: Mapping[str, str | None]) -> None:

@@ -265,6 +265,14 @@ def test_bad_sweeps_exit_with_2_and_say_what_to_change(here, capsys, arguments, 
     assert message in capsys.readouterr().err
 
 
+def test_a_figure_of_no_known_format_is_refused_before_the_points_are_run(here, capsys):
+    varied = ["--vary", "floor.normal=1,2", "--vary", "block.inertia=1,2"]
+    files = ["--csv", "points.csv", "--plot", "map.xlsx"]
+    assert main(["sweep", "scene.toml", "--workers", "1", *varied, *files]) == 2
+    assert "no figure can be written as .xlsx" in capsys.readouterr().err
+    assert not (here / "points.csv").exists()
+
+
 @pytest.mark.parametrize("values", ["-1,1", "1,-1"])
 def test_a_value_that_cannot_be_is_one_failed_point(here, capsys, values):
     assert main(["sweep", "scene.toml", "--workers", "1", "--vary", f"block.inertia={values}"]) == 1
@@ -345,7 +353,7 @@ def test_bad_scene_files_exit_with_2_and_say_what_to_change(here, capsys, text, 
         (["run", "bad.json"], "not valid JSON"),
         (["run", "scene.toml", "--csv", "none/o.csv"], "there is no folder none; make it first"),
         (["run", "scene.toml", "--csv", "."], "--csv .: this is a folder; name a file"),
-        (["run", "scene.toml", "--plot", "o.what"], "Format 'what' is not supported"),
+        (["run", "scene.toml", "--plot", "o.what"], "no figure can be written as .what; choose from"),
         (["run", "scene.toml", "--formulation", "guess"], "unknown formulation 'guess'"),
         (["run", "scene.toml", "--points", "0"], "points must be a whole number from 2 on"),
         (["run"], "the following arguments are required: scene"),
