@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, pi
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,14 +15,17 @@ from stickslip import (
     TIME,
     Body,
     Contact,
+    Damper,
     DryFriction,
     Force,
+    Gap,
     Scene,
     StateSpace,
     feedback,
     output,
     position,
     simulate,
+    sine,
 )
 from stickslip.engines.solvers.follow import LookAhead, Lookout
 from stickslip.engines.solvers.sundials import CVODE
@@ -157,6 +160,43 @@ def test_a_step_of_nothing_between_long_ones_does_not_count(method: str) -> None
     path = path_through(motion, taus, points, (1e-13, 1e-15), method, False)
     t = np.linspace(0.0, 3.9, 200)
     np.testing.assert_allclose(path.at(t)[:, 0], t**2, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_the_first_step_is_too_short_for_a_slope(method: str) -> None:
+    """Points have the roundoff of 90: 1e-14 over a step of 5e-13 s is a slope of 0.02."""
+    taus = np.array([0.0, 5e-13, 5e-9, 5.7e-8, 1.1e-7, 2.0e-7, 3.7e-7, 6.6e-7, 1.2e-6])
+    # a second state, with small tolerances and the errors of a solver, asks for polynomials of high degree
+    slow = -1.85e-4 + 1e-15 * np.array([0.0, 1.4, -0.1, -1.1, -2.2, -2.2, -2.7, -5.2, -6.6])
+    points = np.column_stack([90.8 + 34.2 * taus - 56.0 * taus**2, slow])
+    motion: Any = SimpleNamespace(exact=lambda tau, y: y)
+    path = path_through(motion, taus, points, (1e-9, np.array([1e-11, 1.6e-13])), method, False)
+    t = np.linspace(0.0, 5.7e-8, 400)
+    np.testing.assert_allclose(path.at(t)[:, 0], 90.8 + 34.2 * t - 56.0 * t**2, rtol=0, atol=2e-13)
+
+
+def test_a_gap_that_parts_slowly_far_from_zero_parts_once() -> None:
+    """Two bodies run by 90 rad at 34 rad/s, and part at 0.013 rad/s: no error of the path closes the gap again."""
+    place, pressed, limit, t = 90.75912925132492, 0.05022867368142, 0.05022701370716162, 4.5642
+
+    def swings(amplitude: float, frequency: float, phase: float, offset: float) -> sine:
+        return sine(amplitude, frequency, phase=phase + 2 * pi * frequency * t, offset=offset)
+
+    scene = Scene(
+        Body("motor", inertia=0.0197180685, velocity=34.200088850567845, position=place + pressed),
+        Body("load", inertia=0.0626600492, velocity=34.212815958983605, position=place),
+        Gap("play", "motor", "load", lower=-limit, upper=limit, stiffness=1345.56824, damping=1.0767197),
+        Contact("brake", "load", GROUND, DryFriction(0.3326, 0.207875), normal=1.26512),
+        Damper("motor", GROUND, damping=0.0646031762),
+        Force("motor", swings(1.95126845638, 1.72754008864, 4.039376019, 2.43908557)),
+        Body("a", inertia=11.0259, velocity=-1.59e-4),
+        Body("b", inertia=22.05188, velocity=-1.59e-4),
+        Contact("between", "a", "b", DryFriction(0.2805926, 0.2805926), normal=492.6133),
+        Contact("below", "b", GROUND, DryFriction(0.379, 0.379), normal=246.306667),
+        Force("b", swings(210.35646, 3.03014677, 4.3886997, -62.093032)),
+    )
+    result = simulate(scene, (0.0, 1.35e-4), method="BDF")
+    assert result.stats["restarts"] <= 3
 
 
 def test_where_a_solver_places_a_root_that_it_is_told_of_is_no_end_of_a_step() -> None:

@@ -66,18 +66,21 @@ def path_through(
 
 
 def _apart(taus: Array, points: Array, rtol: float) -> tuple[Array, Array]:
-    """Return points without the ends of tiny steps between long ones: their differences are roundoff.
+    """Return points without the ends of tiny steps before and between long ones: their differences are roundoff.
 
     The slope over a short step has the roundoff of the states over its length. Over a longer step beside it, this grows
-    to the roundoff of the states times the ratio of both lengths.
+    to the roundoff of the states times the ratio of both lengths. Few events lie in a solver's first step, and many
+    just behind it, where guards have left 0: there the errors of the path are to be small, not only within tolerances.
     """
     steps = np.diff(taus)
-    rough = min(_ROUNDOFF / rtol, _SHORT)
-    if steps.size < 3 or steps[1:-1].min() >= max(_NO_STEP, rough) * steps.max():
+    if steps.size < 3:
         return taus, points
-    shorter, longer = np.minimum(steps[:-2], steps[2:]), np.maximum(steps[:-2], steps[2:])
+    rough = min(_ROUNDOFF / rtol, _SHORT)
     kept = np.ones(taus.size, dtype=bool)
-    kept[2:-1] = steps[1:-1] >= np.maximum(_NO_STEP * shorter, rough * longer)
+    kept[1] = steps[0] >= _SHORT * steps[1]
+    if steps[1:-1].min() < max(_NO_STEP, rough) * steps.max():
+        shorter, longer = np.minimum(steps[:-2], steps[2:]), np.maximum(steps[:-2], steps[2:])
+        kept[2:-1] = steps[1:-1] >= np.maximum(_NO_STEP * shorter, rough * longer)
     return taus[kept], points[kept]
 
 
