@@ -18,7 +18,7 @@ import scipy
 from stickslip.engines.base import LOCAL, Method, Task
 from stickslip.engines.progress import Progress
 from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, follow, longest_step
-from stickslip.engines.solvers.linear_solver import sparsity_pattern, write_sparse
+from stickslip.engines.solvers.linear_solver import on_pattern, sparsity_pattern
 from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
@@ -189,15 +189,17 @@ class _Residual:
 
     def _place_jacobian(self) -> None:
         self.pattern: Any = None
-        total = self.start.size
-        self._rates = self._by_rates()
-        if total <= _DENSE_LIMIT:
-            self._rates = dense(self._rates)
-            self._constant = dense(self._by_states(0.0, self._motion.y))
-            return
-        self._rates = scipy.sparse.csr_array(self._rates)
-        by_states = abs(scipy.sparse.csr_array(self._by_states(0.0, self._motion.y)))
-        self.pattern, self._places = sparsity_pattern(by_states + abs(self._rates) + scipy.sparse.eye_array(total))
+        by_states, by_rates = self._by_states(0.0, self._motion.y), self._by_rates()
+        if self.start.size > _DENSE_LIMIT:
+            sizes = [abs(scipy.sparse.csr_array(matrix)) for matrix in (by_states, by_rates)]
+            self.pattern, self._places = sparsity_pattern(sum(sizes, scipy.sparse.eye_array(self.start.size)))
+        self._rates = self._entries(by_rates)
+        changes = self._motion.has_law or self._motion.dependence is not None
+        self._constant = None if changes else self._entries(by_states)
+
+    def _entries(self, matrix: Any) -> Array:
+        """Return a matrix as IDA takes it: dense, or the data of the sparsity pattern."""
+        return dense(matrix) if self.pattern is None else on_pattern(matrix, self._places)
 
     def _by_rates(self) -> Any:
         """Return ``dR/du'``, dense or sparse as the scene is."""
@@ -240,13 +242,10 @@ class _Residual:
 
     def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
-        y = u[: self._size]
-        if self.pattern is None:
-            changes = self._motion.has_law or self._motion.dependence is not None
-            state = dense(self._by_states(tau, y)) if changes else self._constant
-            out[:] = state + cj * self._rates
-            return
-        write_sparse(self._by_states(tau, y) + cj * self._rates, self._places, out)
+        state = self._constant
+        if state is None:
+            state = self._entries(self._by_states(tau, u[: self._size]))
+        out[:] = state + cj * self._rates
 
 
 IDA_BDF = Method("IDA BDF", Ida, ("multiplier",), force_uncertainty=_OF_FORCES)

@@ -101,7 +101,7 @@ class LinearSolver:
             out.ravel()[self._places] = jacobian.ravel()[self._places]
             return
         if self._kind == "sparse":
-            write_sparse(jacobian, self._places, out)
+            out[:] = on_pattern(jacobian, self._places)
             return
         matrix = scipy.sparse.coo_array(jacobian)
         matrix.sum_duplicates()
@@ -119,12 +119,12 @@ def sparsity_pattern(matrix: Any) -> tuple[Any, NDArray[np.int64]]:
     return pattern, _place(pattern.tocoo())
 
 
-def write_sparse(matrix: Any, places: NDArray[np.int64], out: Array) -> None:
-    """Write a matrix into the data of a pattern whose entries stand at these places."""
-    entries = scipy.sparse.coo_array(matrix)
+def on_pattern(matrix: Any, places: NDArray[np.int64]) -> Array:
+    """Return the entries of a matrix as the data of a pattern whose entries stand at these places."""
+    entries, found = scipy.sparse.coo_array(matrix), np.zeros(places.size)
     entries.sum_duplicates()
-    out[:] = 0.0
-    out[np.searchsorted(places, _place(entries))] = entries.data
+    found[np.searchsorted(places, _place(entries))] = entries.data
+    return found
 
 
 def _band(size: int, below: int, above: int) -> NDArray[np.int64]:
