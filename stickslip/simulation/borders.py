@@ -107,6 +107,9 @@ class Borders:
         """
         last, end = path.taus[-2:].tolist()
         near, instant = max(last, _NEAR * end), TOGETHER * (abs(motion.t) + end)
+        if near == end:
+            # so short a path has no rates
+            return
         before, x = self._values(motion, path, np.array([near, end])).T
         rate = (x - before) / (end - near)
         rough = instant * np.abs(rate) + TINY * self._sizes

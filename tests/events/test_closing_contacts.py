@@ -18,10 +18,12 @@ from stickslip import (
     Spring,
     Tie,
     piecewise_linear,
+    position,
     signal,
     simulate,
     sine,
     step,
+    table,
     velocity,
 )
 from stickslip.model.arrays import Array
@@ -163,3 +165,69 @@ def test_what_a_planet_carrier_presses_closes_when_its_brake_slips(speed: float,
     wanted = solve_ivp(rates, (0.23, 0.9), start, rtol=1e-12, atol=1e-14).y[:, -1]
     found = [result.velocity(name)[-1] for name in ("carrier", "sun", "ring")]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7)
+
+
+def _turn(damping: float, friction: float) -> tuple[float, float]:
+    """Return how long a turn from ``x = 0`` to ``x = 0`` takes, and its speed ratio, where ``N = x`` for ``x > 0``.
+
+    By ``v' = -x - damping v - sign(v) friction max(x, 0)`` a turn has three linear parts: out to the right, back to
+    ``x = 0``, and half a period of the spring alone on the left.
+    """
+    d = damping / 2
+
+    def rate(stiffness: float) -> float:
+        return math.sqrt(stiffness - d * d)
+
+    out, back, left = 1 + friction, 1 - friction, 1.0
+    t_out = math.atan2(rate(out), d) / rate(out)
+    farthest = math.exp(-d * t_out) * math.sin(rate(out) * t_out) / rate(out)
+    t_back = (math.pi - math.atan2(rate(back), d)) / rate(back)
+    speed = farthest * math.exp(-d * t_back) * back / rate(back) * math.sin(rate(back) * t_back)
+    t_left = math.pi / rate(left)
+    return t_out + t_back + t_left, speed * math.exp(-d * t_left)
+
+
+@pytest.mark.parametrize("damping", [0.02, 0.1, 0.4])
+def test_friction_that_follows_a_deflection_dies_away_with_it(damping: float) -> None:
+    """At last velocity and normal force are roundoff of what they were, and come to 0 together."""
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=1.0),
+        Spring("block", GROUND, stiffness=1.0, damping=damping),
+        Contact("shoe", "block", GROUND, DryFriction(0.3, 0.3), normal=1.0 * position("block")),
+    )
+    result = simulate(scene, (0.0, 600.0))
+    duration, ratio = _turn(damping, 0.3)
+    turns = math.floor(math.log(1e-9) / math.log(ratio))
+    there = result.sample([turns * duration])
+    assert there.velocity("block")[0] == pytest.approx(ratio**turns, rel=1e-6)
+    assert abs(result.velocity("block")[-1]) < 1e-12
+
+
+def test_a_wedge_that_both_sides_press_dies_away() -> None:
+    """The suspension of a freight car: ``N = |x|``, by a contact for each side."""
+    law = DryFriction(0.5, 0.3)
+    scene = Scene(
+        Body("wedge", inertia=1.0, velocity=1.0),
+        Spring("wedge", GROUND, stiffness=1.0, damping=0.05),
+        Contact("right", "wedge", GROUND, law, normal=position("wedge")),
+        Contact("left", "wedge", GROUND, law, normal=-1 * position("wedge")),
+    )
+    result = simulate(scene, (0.0, 300.0))
+    assert abs(result.velocity("wedge")[-1]) < 1e-12
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_table_whose_corner_is_where_all_comes_to_rest() -> None:
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=1.0),
+        Spring("block", GROUND, stiffness=1.0, damping=0.3),
+        Contact(
+            "shoe",
+            "block",
+            GROUND,
+            DryFriction(0.1, 0.1),
+            normal=table(position("block"), [-1.0, 0.0, 0.5], [1.0, 0.0, 2.0]),
+        ),
+    )
+    result = simulate(scene, (0.0, 1000.0))
+    assert abs(result.velocity("block")[-1]) < 1e-12
