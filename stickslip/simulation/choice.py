@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import scipy
 
@@ -14,6 +17,9 @@ from stickslip.equations.system import System
 #
 # Measured (`benchmarks/border.py`): there the exact series takes about twice as long.
 _STIFF, _LONG = 200.0, 5e3
+
+_RADIANS = 3.0  # what decays before it has turned so far is no oscillation
+_OF_ONE_SIDE = 3  # regions of a gap that is pressed on one side
 
 
 def choose(system: System, loads: Loads, formulation: str, method: str, duration: float) -> tuple[str, str]:
@@ -43,41 +49,52 @@ def choose(system: System, loads: Loads, formulation: str, method: str, duration
 
 def why_stiff(system: System, duration: float) -> str | None:
     """Return why a scene is stiff, from dampers, springs, tables and normal forces at each body; None if it is not."""
-    heavy = (system.inertia > 0).nonzero()[0]
     widest = system.piecewise.widest(system.C)
+    fed = None
     if system.dependence is not None:
         steepest = system.dependence.steepest(system.inputs, system.size)
         pressed = scipy.sparse.diags_array(system.largest_coefficient) @ steepest[: system.m]
-        widest = widest + abs(system.Q) @ steepest + system.abs_GT @ pressed
-    damping = widest.diagonal()[heavy] / system.inertia[heavy]
-    fastest = float(damping.max(initial=0.0))
-    stiffness = [
-        widest[i, state] / system.inertia[i]
-        for i, state in system.position_state.items()
-        if i < system.n and system.inertia[i] > 0
-    ]
-    turn = max([0.0, *stiffness]) ** 0.5
+        fed = abs(system.Q) @ steepest + system.abs_GT @ pressed
+        widest = widest + fed
+    fastest, turn = _of_bodies(system, widest)
     if system.size > system.first_block:
         fastest = max(fastest, -float(system.block_C.diagonal(system.first_block).min(initial=0.0)))
-    if fastest * duration > _LONG and turn < fastest <= _STIFF * turn:
-        # a body whose velocity decays faster than its springs turn it does not oscillate
-        fastest, turn = _decay_and_turn(system) or (fastest, turn)
+    if fastest * duration > _LONG and turn < _RADIANS * fastest <= _RADIANS * _STIFF * turn and not system.sparse:
+        # a body that its dampers stop before its springs have turned it far does not oscillate
+        fastest, turn = _decay_and_turn(system)
+        if fed is not None:
+            turn = max(turn, _of_bodies(system, fed)[1])
     if fastest * duration > _LONG and fastest > _STIFF * turn:
         by = "dampers" if system.dependence is None else "dampers and feedback"
         return f"{by} let velocities decay in {1 / fastest:.3g} s: the scene is stiff"
     return None
 
 
-def _decay_and_turn(system: System) -> tuple[float, float] | None:
+def _of_bodies(system: System, links: Any) -> tuple[float, float]:
+    """Return the fastest decay and oscillation in 1/s of single bodies, by forces on them from states."""
+    heavy = (system.inertia > 0).nonzero()[0]
+    damping = links.diagonal()[heavy] / system.inertia[heavy]
+    stiffness = [
+        links[i, state] / system.inertia[i]
+        for i, state in system.position_state.items()
+        if i < system.n and system.inertia[i] > 0
+    ]
+    return float(damping.max(initial=0.0)), max([0.0, *stiffness]) ** 0.5
+
+
+def _decay_and_turn(system: System) -> tuple[float, float]:
     """Return the fastest decay and the fastest oscillation in 1/s while no contact sticks, but ties hold.
 
-    A motion that decays before it has turned by one radian is no oscillation. None where the scene is large, or where
-    tables, normal forces or gaps change how its bodies are joined.
+    A motion that decays before it has turned by three radians is no oscillation. Gaps are open, or all pressed on one
+    side: of their fastest decays the slowest counts, and of all oscillations the fastest.
     """
-    if system.sparse or system.dependence is not None or system.is_gap.any():
-        return None
-    modes = where_nothing_sticks(system)
-    regions = np.zeros(system.piecewise.count, dtype=np.int16)
-    values = np.linalg.eigvals(equations_in(modes, system, regions).jacobian())
-    turns = np.abs(values.imag)
-    return float(-values.real.min(initial=0.0)), float(turns[turns > -values.real].max(initial=0.0))
+    modes, functions = where_nothing_sticks(system), system.piecewise
+    last = np.where(functions.is_stop, 0, np.diff([*functions.first, functions.mode.size]) - 1)
+    slowest, fastest = math.inf, 0.0
+    for region in range(min(int(last.max(initial=0)), _OF_ONE_SIDE) + 1):
+        regions = np.minimum(last, region).astype(np.int16)
+        values = np.linalg.eigvals(equations_in(modes, system, regions).jacobian())
+        turns = np.abs(values.imag)
+        slowest = min(slowest, -float(values.real.min(initial=0.0)))
+        fastest = max(fastest, float(turns[turns > -_RADIANS * values.real].max(initial=0.0)))
+    return slowest, fastest

@@ -31,6 +31,7 @@ from stickslip import (
     explain,
     load,
     piecewise_linear,
+    position,
     signal,
     simulate,
     sine,
@@ -337,6 +338,32 @@ def test_a_light_body_that_its_damper_keeps_from_oscillating_is_stiff() -> None:
     springs = [Spring(name, GROUND, stiffness=1e4) for name in "ab"]
     joined = Scene(*pair, *springs, Damper("a", "b", damping=1e3), Force("a", 1.0))
     assert "Taylor series" in explain(joined, (0.0, 100.0))
+
+
+_LIGHT = Body("light", inertia=1e-6), Spring("light", GROUND, stiffness=1.0), Body("heavy", inertia=0.01)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        (Damper("heavy", "light", damping=0.05), Gap("gap", "heavy", GROUND, upper=1.0, stiffness=1.0)),
+        (Damper("heavy", "light", damping=0.05), Gap("gap", "heavy", "light", upper=1.0, stiffness=1.0, damping=0.1)),
+        (
+            Damper("heavy", "light", damping=0.05),
+            Contact("rub", "heavy", GROUND, DryFriction(0.3, 0.2), normal=1.0 + 0.1 * position("heavy")),
+        ),
+        # s^2 + 1e3 s + 1e6 = 0: it decays with 500 /s and has turned by 1.7 radians then
+        (Damper("light", GROUND, damping=1e-3),),
+    ],
+)
+def test_a_stiff_scene_is_stiff_beside_gaps_and_normal_forces_that_follow_a_motion(others: tuple[Any, ...]) -> None:
+    assert "the scene is stiff" in explain(Scene(*_LIGHT, *others), (0.0, 20.0))
+
+
+def test_a_gap_makes_a_scene_stiff_only_if_it_is_stiff_while_the_gap_is_open() -> None:
+    gap = Gap("gap", "heavy", GROUND, upper=0.001, stiffness=1e4, damping=1e2)
+    scene = Scene(Body("heavy", inertia=0.01), Spring("heavy", GROUND, stiffness=1.0), gap)
+    assert "Taylor series" in explain(scene, (0.0, 20.0))
 
 
 @pytest.mark.parametrize(
