@@ -33,6 +33,7 @@ _NEGLIGIBLE = 1e-2
 _AHEAD = 2  # terms beyond a degree from which its error is estimated: one alone may be small by chance
 _NO_STEP = 1e-6  # the end of a step shorter than this part of both its neighbours is dropped
 _SHORT = 1e-3  # the end of a step of at least this part of its longer neighbour is kept, whatever its roundoff
+_OF_START = 5  # points of the first two steps and beyond that tell how a motion begins
 _MOST_WITH_RATES = 7  # points around a step whose rates are used at most
 _ORDER_WITH_RATES = 2 * _MOST_WITH_RATES - 1  # the order of the polynomial through these points and rates
 _ROUNDOFF = np.finfo(float).eps
@@ -52,7 +53,7 @@ def path_through(
     is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
     rates = None if method == "BDF" else lambda k: motion.rate(float(taus[k]), points[k])
-    coefficients = through_points(taus, points, tolerance, _DEGREE[method], rates)
+    coefficients = _of_all_steps(taus, points, tolerance, _DEGREE[method], rates)
     path = Path(taus, coefficients, motion.exact(float(taus[-1]), points[-1]), hit, True)
     if not is_finite:
         raise SolverFailure(
@@ -66,22 +67,40 @@ def path_through(
 
 
 def _apart(taus: Array, points: Array, rtol: float) -> tuple[Array, Array]:
-    """Return points without the ends of tiny steps before and between long ones: their differences are roundoff.
+    """Return points without the ends of tiny steps between long ones: their differences are roundoff.
 
     The slope over a short step has the roundoff of the states over its length. Over a longer step beside it, this grows
-    to the roundoff of the states times the ratio of both lengths. Few events lie in a solver's first step, and many
-    just behind it, where guards have left 0: there the errors of the path are to be small, not only within tolerances.
+    to the roundoff of the states times the ratio of both lengths.
     """
     steps = np.diff(taus)
-    if steps.size < 3:
-        return taus, points
     rough = min(_ROUNDOFF / rtol, _SHORT)
+    if steps.size < 3 or steps[1:-1].min() >= max(_NO_STEP, rough) * steps.max():
+        return taus, points
+    shorter, longer = np.minimum(steps[:-2], steps[2:]), np.maximum(steps[:-2], steps[2:])
     kept = np.ones(taus.size, dtype=bool)
-    kept[1] = steps[0] >= _SHORT * steps[1]
-    if steps[1:-1].min() < max(_NO_STEP, rough) * steps.max():
-        shorter, longer = np.minimum(steps[:-2], steps[2:]), np.maximum(steps[:-2], steps[2:])
-        kept[2:-1] = steps[1:-1] >= np.maximum(_NO_STEP * shorter, rough * longer)
+    kept[2:-1] = steps[1:-1] >= np.maximum(_NO_STEP * shorter, rough * longer)
     return taus[kept], points[kept]
+
+
+def _of_all_steps(
+    taus: Array, points: Array, tolerance: tuple[float, Any], degree: int, rates: Callable[[int], Array] | None
+) -> Array:
+    """Return `through_points`; if the first step is tiny, later ones without its end.
+
+    Solvers begin with such a step. It shows how a motion begins, but its slope has the roundoff of the states over its
+    length. Just behind it guards are near 0 that have left 0: there the errors of the path are to be small, not only
+    within the tolerance.
+    """
+    if taus.size <= _OF_START or taus[1] >= _SHORT * (taus[2] - taus[1]):
+        return through_points(taus, points, tolerance, degree, rates)
+    start, kept = slice(_OF_START), np.delete(np.arange(taus.size), 1)
+    known = None if rates is None else lambda k: rates(int(kept[k]))
+    begins = through_points(taus[start], points[start], tolerance, degree, rates)[:2]
+    goes_on = through_points(taus[kept], points[kept], tolerance, degree, known)[1:]
+    found = np.zeros((taus.size - 1, max(begins.shape[1], goes_on.shape[1]), points.shape[1]))
+    found[:2, : begins.shape[1]] = begins
+    found[2:, : goes_on.shape[1]] = goes_on
+    return found
 
 
 def through_points(
