@@ -467,11 +467,12 @@ def _check_files(outputs: Mapping[str, str | None]) -> None:
     figure = outputs.get("plot") or ""
     # the usual ones are known without loading matplotlib
     if (suffix := Path(figure).suffix[1:].lower()) not in ("", "png", "svg", "pdf"):
-        from matplotlib.backend_bases import FigureCanvasBase
+        from stickslip.plots.style import formats
 
-        known = FigureCanvasBase.get_supported_filetypes()
-        if suffix not in known:
-            raise _BadInput(f"--plot {figure}: no figure can be written as .{suffix}; choose from {', '.join(known)}")
+        if suffix not in formats():
+            raise _BadInput(
+                f"--plot {figure}: no figure can be written as .{suffix}; choose from {', '.join(formats())}"
+            )
 
 
 def _write(result: Result, outputs: Mapping[str, str | None]) -> None:

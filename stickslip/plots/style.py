@@ -56,6 +56,11 @@ class Drawing(Figure):
         raise NotImplementedError  # this makes IPython show it like any other figure
 
 
+def formats() -> list[str]:
+    """Return the formats in which figures can be saved, as the ends of file names without the dot."""
+    return list(Figure().canvas.get_supported_filetypes())
+
+
 def name_of_points(result: Readable) -> str:
     """Return what legends call the times of a curve: without the motion between them, they are all that was kept."""
     return "times fit for a plot" if result.is_dense else "times that were kept"

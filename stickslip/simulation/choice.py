@@ -18,7 +18,6 @@ from stickslip.equations.system import System
 # Measured (`benchmarks/border.py`): there the exact series takes about twice as long.
 _STIFF, _LONG = 200.0, 5e3
 
-_RADIANS = 3.0  # what decays before it has turned so far is no oscillation
 _OF_ONE_SIDE = 3  # regions of a gap that is pressed on one side
 
 
@@ -59,8 +58,8 @@ def why_stiff(system: System, duration: float) -> str | None:
     fastest, turn = _of_bodies(system, widest)
     if system.size > system.first_block:
         fastest = max(fastest, -float(system.block_C.diagonal(system.first_block).min(initial=0.0)))
-    if fastest * duration > _LONG and turn < _RADIANS * fastest <= _RADIANS * _STIFF * turn and not system.sparse:
-        # a body that its dampers stop before its springs have turned it far does not oscillate
+    if fastest * duration > _LONG and turn < fastest <= _STIFF * turn and not system.sparse:
+        # a body whose velocity decays faster than its springs turn it does not oscillate
         fastest, turn = _decay_and_turn(system)
         if fed is not None:
             turn = max(turn, _of_bodies(system, fed)[1])
@@ -85,7 +84,7 @@ def _of_bodies(system: System, links: Any) -> tuple[float, float]:
 def _decay_and_turn(system: System) -> tuple[float, float]:
     """Return the fastest decay and the fastest oscillation in 1/s while no contact sticks, but ties hold.
 
-    A motion that decays before it has turned by three radians is no oscillation. Gaps are open, or all pressed on one
+    A motion that decays before it has turned by one radian is no oscillation. Gaps are open, or all pressed on one
     side: of their fastest decays the slowest counts, and of all oscillations the fastest.
     """
     modes, functions = where_nothing_sticks(system), system.piecewise
@@ -96,5 +95,5 @@ def _decay_and_turn(system: System) -> tuple[float, float]:
         values = np.linalg.eigvals(equations_in(modes, system, regions).jacobian())
         turns = np.abs(values.imag)
         slowest = min(slowest, -float(values.real.min(initial=0.0)))
-        fastest = max(fastest, float(turns[turns > -_RADIANS * values.real].max(initial=0.0)))
+        fastest = max(fastest, float(turns[turns > -values.real].max(initial=0.0)))
     return slowest, fastest
