@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
+import scipy
 
-from stickslip.equations.algebra.matrices import split_by
+from stickslip.equations.algebra.matrices import dense, split_by
 from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
@@ -23,6 +24,7 @@ from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
+_SINGULAR = 1e-12  # part of the largest singular value below which a direction of forces accelerates no body
 _ENUMERATED = 6
 _MOST_TRIALS = 1000
 
@@ -199,7 +201,7 @@ class Search:
         ratio = self._ratios(motion, guards, over)
         first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
-        spared = self._spared(motion, rows, guards.start[1, first])
+        spared = self._spared(motion, rows, side, guards.start[1, first])
         if spared.any():
             # other rows can carry what is beyond the level of these
             following[rows[spared]] = _carrying(side[spared])
@@ -285,10 +287,11 @@ class Search:
         """Return the modes of rows that are let go to the side to which they are pushed."""
         return np.where(self._system.is_stop[rows], APART, np.sign(side)).astype(np.int8)
 
-    def _spared(self, motion: Motion, rows: Indices, slopes: Array) -> Mask:
+    def _spared(self, motion: Motion, rows: Indices, side: Array, slopes: Array) -> Mask:
         """Tell which of some held rows others can spare: in each loop all that tie, if they can be spared together.
 
-        If not, they are tried one after another, those first whose guards fall fastest.
+        If not, they are tried one after another, those first whose guards fall fastest. But none of them is spared if
+        the others cannot take force from all of them at once: they go together.
         """
         held, balance = motion.equations.held, motion.equations.balance
         spared = np.zeros(rows.size, dtype=bool)
@@ -299,10 +302,27 @@ class Search:
         spared[ties] = self._can_spare(motion, rows[ties])
         for number in np.unique(loop[ties[~spared[ties]]]).tolist():
             own = (loop == number).nonzero()[0]
+            if own.size > 1 and not self._can_relieve(held[balance.loop == number], rows[own], side[own]):
+                spared[own] = False
+                continue
             for place in own[np.argsort(slopes[own], kind="stable")].tolist():
                 spared[place] = True
                 spared[place] = self._can_spare(motion, rows[own[spared[own]]]).all()
         return spared
+
+    def _can_relieve(self, held: Indices, rows: Indices, side: Array) -> bool:
+        """Tell whether the `held` rows of a loop can take force from some of them, pushed to a `side`, all at once.
+
+        Their forces may change by all that accelerates no body.
+        """
+        system = self._system
+        unit = dense(system.G[held]) / system.largest_lever[held][:, None]
+        free = scipy.linalg.null_space(unit.T, rcond=_SINGULAR)
+        # find the change that takes most from the row from which it takes least
+        takes = np.column_stack([side[:, None] * free[np.searchsorted(held, rows)], np.ones(rows.size)])
+        most = np.append(np.zeros(free.shape[1]), -1.0)
+        found = scipy.optimize.linprog(most, A_ub=takes, b_ub=np.zeros(rows.size), bounds=(-1.0, 1.0))
+        return bool(-found.fun > _ALONG)
 
     def _can_spare(self, motion: Motion, rows: Indices) -> Mask:
         """Tell for some rows whether others of their part still hold everything if these only carry their level."""

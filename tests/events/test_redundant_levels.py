@@ -545,3 +545,56 @@ def test_a_gear_pair_held_by_freewheels_stays(formulation: str) -> None:
         )
         result = simulate(scene, (0.0, 2.0), formulation=formulation)
         assert np.abs(result.y[:3]).max() < 1e-9 and not result.events
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("frame", [0.0, 4.0])
+def test_what_ties_in_a_symmetric_loop_lets_go_together(formulation: str, frame: float) -> None:
+    """Two outer blocks on a belt that accelerates, an inner one between them: the outer contacts slip, both.
+
+    Held, each outer contact has 10 N of 6 N, each inner one 5 N of 3.75 N. The outer ones let go, with 2 N:
+    (7 + 7 + 6 + 2 + 2) N / 10 kg = 2.4 m/s^2 for all, and the inner ones hold (6 - 4 * 2.4) N / 2 = -1.8 N.
+    """
+    outer, inner = DryFriction(6.0, 2.0), DryFriction(3.75, 1.25)
+    scene = Scene(
+        Body("left", inertia=3.0),
+        Body("right", inertia=3.0),
+        Body("middle", inertia=4.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 10.0], [0.0, 10.0 * (4.0 - frame)])),
+        *(Contact(f"{side} below", side, "belt", outer, normal=1.0) for side in ("left", "right")),
+        *(Contact(f"{side} beside", "middle", side, inner, normal=1.0) for side in ("left", "right")),
+        *(Force(side, 7.0 - 3 * frame) for side in ("left", "right")),
+        Force("middle", 6.0 - 4 * frame),
+    )
+    result = simulate(scene, (0.0, 1.0), formulation=formulation)
+    for body in ("left", "right", "middle"):
+        assert result.velocity(body)[-1] == pytest.approx(2.4 - frame, abs=1e-6)
+    for side in ("left", "right"):
+        assert result.mode(f"{side} below")[-1] == -1
+        assert result.force(f"{side} beside")[-1] == pytest.approx(-1.8, abs=1e-5)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_blocks_pulled_apart_leave_a_third_at_rest(formulation: str, sign: float) -> None:
+    """Two blocks, each held by 2 N below and by 2 N of the block between them, are pulled apart by 1.5 + 2 (t - 6) N.
+
+    From t = 7.25 s on they slip with 2 N. The middle one carries the same load from both sides, and stays.
+    """
+    ramp = piecewise_linear([6.0, 8.0], [-0.5 * sign, 3.5 * sign])
+    below, beside = DryFriction(4.0, 2.0), DryFriction(2.0, 1.0)
+    halves: list[Any] = []
+    for side, way in (("left", 1.0), ("right", -1.0)):
+        halves += [
+            Body(side, inertia=2.0625),
+            Contact(f"{side} beside", side, "middle", beside, normal=1.0),
+            Force(side, 2.0 * way * sign),
+            Contact(f"{side} below", side, GROUND, below, normal=0.5),
+            Force(side, way * ramp),
+        ]
+    result = simulate(Scene(Body("middle", inertia=1.0), *halves), (0.0, 7.7), formulation=formulation)
+    assert [event.t for event in result.events] == pytest.approx([7.25] * 4, abs=1e-6)
+    assert abs(result.velocity("middle")[-1]) < 1e-6
+    exact = sign * ((1.7**2 - 1.25**2) - 0.5 * 0.45) / 2.0625
+    assert result.velocity("left")[-1] == pytest.approx(exact, abs=1e-5)
+    assert result.velocity("right")[-1] == pytest.approx(-exact, abs=1e-5)
