@@ -113,20 +113,22 @@ def _position(at: Samples, y: Array, name: str) -> float:
 
 
 def on_stops(system: System, y: Array, modes: Modes, farthest: Array) -> Array:
-    """Return a state in which no closed stop is beyond its limit.
+    """Return a state in which no stop is beyond its limit, neither a closed one nor one that is about to strike.
 
     Positions keep the roundoff of the largest earlier ones, `farthest` (n + drives,). At a limit of 0, a stop would
     seem to fly by this roundoff, so positions of that size are set to 0 there.
     """
     functions = system.piecewise
-    # a stop whose load other rows carry is at its level, which is no force, and is closed all the same
-    closed = functions.is_stop & np.isin(modes[functions.row], (0, AT_HIGH, AT_LOW))
-    if not closed.any():
+    if not functions.is_stop.any():
         return y
     q = np.zeros(system.inputs)
     q[-1] = 1.0
     upper, lower, _ = functions.limits(y, q, y)
     is_upper = upper < lower
+    # a stop whose load other rows carry is at its level, which is no force, and is closed all the same
+    closed = functions.is_stop & (np.isin(modes[functions.row], (0, AT_HIGH, AT_LOW)) | (np.minimum(upper, lower) < 0))
+    if not closed.any():
+        return y
     change = np.where(is_upper, np.minimum(upper, 0.0), np.maximum(-lower, 0.0))[closed]
     # with all positions 0, the distances to the limits are the limits themselves
     upper, lower, _ = functions.limits(np.zeros_like(y), q, y)

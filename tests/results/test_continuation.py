@@ -16,6 +16,7 @@ from stickslip import (
     Block,
     Body,
     Contact,
+    Damper,
     Drive,
     DryFriction,
     Force,
@@ -411,3 +412,21 @@ def test_a_block_cut_off_as_it_comes_to_rest_does_not_slide_back(options: dict[s
         # between points polynomials have roundoff
         assert v[-1] == 0.0
         assert v.min() >= -1e-15 * abs(v[0])
+
+
+@pytest.mark.parametrize("speed", [2.0, 2.3, 2.9, 3.7])
+def test_a_run_cut_at_an_impact_on_a_stop_at_0_goes_on(speed: float) -> None:
+    """The place at the end has the roundoff of the flight: it may be below 0."""
+    scene = Scene(
+        Body("ball", inertia=1.5, velocity=speed),
+        Force("ball", -2.0),
+        Damper("ball", GROUND, damping=0.25),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=1.0),
+    )
+    whole = simulate(scene, (0.0, 10.0))
+    assert len(whole.events) >= 2
+    for event in whole.events:
+        first, then = cut(scene, [0.0, event.t, 10.0])
+        assert first.final_scene().bodies[0].position >= 0.0
+        assert then.velocity("ball")[-1] == pytest.approx(whole.velocity("ball")[-1], abs=1e-9)
+        assert then.position("ball")[-1] == pytest.approx(whole.position("ball")[-1], abs=1e-9)
