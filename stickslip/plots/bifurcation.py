@@ -12,6 +12,8 @@ from stickslip.results.units import units
 # The marker of each kind of point on a branch.
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
 
+_ENDS = ("fold", "end")  # of these a part of a branch has one at its end
+
 _ROOM = 0.7  # a point less than this part of the width from both ends has room for its text on either side
 _NEAR = 1e-3  # part of the range of a branch over which its slope is looked at
 
@@ -106,20 +108,37 @@ def _chain(branch: Any) -> list[Any]:
 
 
 def _parts(branch: Any, body: str | None) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return for each part, from fold to fold, values, heights and stability; two parts meet at each fold."""
+    """Return for each part, from fold to fold, values, heights and stability; two parts meet at each fold.
+
+    Points with cycles stand among them.
+    """
     found, first = [], None
     for one in _chain(branch):
         y = one.periods if body is None else one.amplitudes(body)
         known = np.isfinite(y)
         x, y, stable = np.asarray(one.values)[known], y[known], np.asarray(one.stable)[known]
-        ends = next((point for point in one.points if point.cycle is not None), None)
         last = None
-        if ends is not None:
-            last = ends.value, ends.cycle.period if body is None else ends.cycle.amplitude(body)
+        for point in one.points:
+            if point.cycle is None:
+                continue
+            there = point.value, point.cycle.period if body is None else point.cycle.amplitude(body)
+            if point.kind in _ENDS:
+                last = there if last is None else last
+                continue
+            rising = x.size < 2 or x[-1] > x[0]
+            place = int(np.searchsorted(x, there[0]) if rising else x.size - np.searchsorted(x[::-1], there[0]))
+            x, y, stable = _with(x, y, stable, place, there)
         for place, end in ((0, first), (x.size + (first is not None), last)):
             if end is not None:
-                x, y = np.insert(x, place, end[0]), np.insert(y, place, end[1])
-                stable = np.insert(stable, place, stable[0 if place == 0 else -1] if stable.size else False)
+                x, y, stable = _with(x, y, stable, place, end)
         found.append((x, y, stable))
         first = last
     return found
+
+
+def _with(
+    x: np.ndarray, y: np.ndarray, stable: np.ndarray, place: int, point: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return values, heights and stability with one more point, as stable as the more stable one beside it."""
+    own = stable[max(place - 1, 0) : place + 1].any()
+    return np.insert(x, place, point[0]), np.insert(y, place, point[1]), np.insert(stable, place, own)

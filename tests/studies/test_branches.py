@@ -455,12 +455,19 @@ def test_one_unstable_cycle_between_stable_ones_is_joined_to_them() -> None:
     assert list(branch.stable) == [True, False, True]
     ax = branch.plot("m")
     dashed = next(line for line in ax.lines if line.get_linestyle() == "--")
-    assert np.isfinite(dashed.get_ydata()).all() and list(dashed.get_markevery()) == [1]
+    # where the stability changes, the diagram has the cycles there
+    x, crossings = dashed.get_xdata(), [point.value for point in branch.points]
+    assert x.tolist() == pytest.approx([values[0], crossings[0], values[1], crossings[1], values[2]])
+    assert np.isfinite(dashed.get_ydata()[1:4]).all() and list(dashed.get_markevery()) == [2]
+    for point in branch.points:
+        assert point.cycle is not None
+        exact = limit_cycle(point.cycle.scene, period=point.cycle.period, transient=0.0).amplitude("m")
+        assert dashed.get_ydata()[x.tolist().index(point.value)] == pytest.approx(exact, rel=1e-6)
     ax.figure.draw(FigureCanvasAgg(ax.figure).get_renderer())
     boxes = [text.get_window_extent() for text in ax.texts]
     assert len(boxes) == 2 and not boxes[0].overlaps(boxes[1])
     for k, box in enumerate(boxes):
-        ends = ax.transData.transform(np.column_stack([values, branch.amplitudes("m")]))
+        ends = ax.transData.transform(np.column_stack([x, np.fmax(ax.lines[0].get_ydata(), dashed.get_ydata())]))
         between = np.interp(np.linspace(box.x0, box.x1, 9), *ends.T)
         assert ((between < box.y0) | (between > box.y1)).all(), k
     plt.close("all")

@@ -29,7 +29,7 @@ class BranchPoint:
     message : str
         What happens, in words.
     cycle : Cycle or None
-        At a fold and at an end the cycle there.
+        The cycle there, or next to it; None at an end where none was reached.
     """
 
     value: float

@@ -11,7 +11,7 @@ import scipy
 
 from stickslip.model.arrays import Complex
 from stickslip.studies.cycles.branches import BranchPoint
-from stickslip.studies.cycles.cycle import Cycle
+from stickslip.studies.cycles.cycle import Cycle, from_zero
 from stickslip.studies.cycles.phases import alike, in_words
 from stickslip.studies.cycles.pseudo_arclength import ERRORS
 
@@ -44,7 +44,7 @@ def points_between(a: Reached, b: Reached, accuracy: float, follow: Follow) -> l
         if abs(after.value - before.value) > accuracy:
             said += f"; somewhere between {before.value:.9g} and {after.value:.9g}"
         found += _passes(a, before, accuracy, follow)
-        found.append(BranchPoint(0.5 * (before.value + after.value), "sequence", said))
+        found.append(BranchPoint(0.5 * (before.value + after.value), "sequence", said, from_zero(before.cycle)))
         a = after
     return found + (_passes(a, b, accuracy, follow) if alike(a.cycle, b.cycle) else [])
 
@@ -88,7 +88,7 @@ def _passes(a: Reached, b: Reached, accuracy: float, follow: Follow) -> list[Bra
             value, where = 0.5 * (before + after), f"; somewhere between {before:.9g} and {after:.9g}"
         nearest = min(known.values(), key=lambda one: abs(one.value - value))
         if kind != "torus" or _is_pair(nearest.cycle.multipliers):
-            found.append(BranchPoint(value, kind, said + where))
+            found.append(BranchPoint(value, kind, said + where, from_zero(nearest.cycle)))
     return found
 
 
