@@ -114,6 +114,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
         lambda: RESULT.plot(t_span=(2.0, 1.0)),
         "overview: t_span must be two times (start, end), got (2.0, 1.0)",
     ),
+    (lambda: RESULT.plot(t_span=(50.0, 60.0)), "overview: t_span (50, 60) s lies outside the times of the result"),
     (lambda: RESULT.plot(axes=3), "overview: 3 panels need as many axes, got 1"),
     (lambda: RESULT.plot(axes=[1, 2, 3]), "ax must be axes of matplotlib, got 1"),
     (lambda: plots.velocities(SCENE), "velocities: expected a Result, got Scene"),

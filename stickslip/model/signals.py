@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import as_number, finite, name_of
+from stickslip.model.checks import as_number, every_digit, finite, name_of
 from stickslip.model.crossings import positive_pieces
 from stickslip.model.slopes import slope_by_differences
 
@@ -250,7 +250,8 @@ class PiecewiseLinear(Signal):
         """Return the lines; refuse times out of order or thrice the same, and lines too steep for a number."""
         for (t0, v0), (t1, v1) in pairwise(zip(self.times, self.values, strict=True)):
             if t1 < t0:
-                raise ValueError(f"piecewise_linear: times must not decrease, got {t1:g} after {t0:g}; sort the points")
+                order = f"{every_digit(t1)} after {every_digit(t0)}"
+                raise ValueError(f"piecewise_linear: times must not decrease, got {order}; sort the points")
             if t1 > t0 and not math.isfinite((v1 - v0) / (t1 - t0)):
                 raise ValueError(
                     f"piecewise_linear: the line from {t0:g} s to {t1:g} s is too steep for a number; "

@@ -52,12 +52,17 @@ def overview(
     Raises
     ------
     ValueError
-        If a name is unknown, or the number of axes is not that of the panels.
+        If a name is unknown, the number of axes is not that of the panels, or `t_span` is outside the result.
     """
     names = contact_names(result, contacts)
     shown = None if t_span is None else numbers(t_span, "overview: t_span")
     if shown is not None and not (shown.size == 2 and shown[0] < shown[1]):
         raise ValueError(f"overview: t_span must be two times (start, end), got {t_span!r}")
+    if shown is not None and result.t.size and not (shown[0] < result.t[-1] and result.t[0] < shown[1]):
+        raise ValueError(
+            f"overview: t_span ({shown[0]:g}, {shown[1]:g}) s lies outside the times of the result, "
+            f"{result.t[0]:g} to {result.t[-1]:g} s"
+        )
     drawings = _panels(result, bodies, names)
     own = panels(axes, [height for height, _ in drawings], "overview")
     if axes is None:

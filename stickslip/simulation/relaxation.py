@@ -50,7 +50,7 @@ class Relaxation:
             if slides and normal < _FROM_NOTHING * rise * motion.horizon:
                 raise ArithmeticError(
                     f"contact {self._system.rows[j].name!r}: its normal force rises from 0, where a bristle is "
-                    "infinitely stiff; let it start above 0, or use DryFriction"
+                    "infinitely stiff; let it stay above 0, or use DryFriction"
                 )
 
     def note(self, motion: Motion, path: Path) -> None:

@@ -63,6 +63,11 @@ SIGNALS: list[Case] = [
     (lambda: piecewise_linear([], []), ValueError, ["0 times", "at least one"]),
     (lambda: piecewise_linear([1, 0], [0, 1]), ValueError, ["times must not decrease", "0 after 1", "sort"]),
     (
+        lambda: piecewise_linear([0.060000000000000005, 0.06], [0, 1]),
+        ValueError,
+        ["0.06 after 0.060000000000000005", "sort"],
+    ),
+    (
         lambda: piecewise_linear([0, 1, 1, 1], [0, 1, 2, 3]),
         ValueError,
         ["time 1 stands three times", "twice"],
