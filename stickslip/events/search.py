@@ -194,7 +194,7 @@ class Search:
             # one loop of a part after another
             torn.setdefault(int(self._part_of_row[rows[0]]), (rows, side))
         for rows, side in torn.values():
-            self._release(following, motion, rows, side)
+            self._release(following, motion, guards, rows, side)
         over = over[~np.isin(part[over], list(torn))]
         if not over.size:
             return following
@@ -208,7 +208,7 @@ class Search:
             others = ~np.isin(self._part_of_row[rows], self._part_of_row[rows[spared]])
             rows, side = rows[others], side[others]
         if rows.size:
-            self._release(following, motion, rows, side)
+            self._release(following, motion, guards, rows, side)
         return following
 
     def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
@@ -247,7 +247,7 @@ class Search:
         np.maximum.at(each, number, ratio)
         return np.asarray(ratio >= each[number] * (1 - AT_LIMIT))
 
-    def _release(self, following: Modes, motion: Motion, rows: Indices, side: Array) -> None:
+    def _release(self, following: Modes, motion: Motion, guards: Guards, rows: Indices, side: Array) -> None:
         """Set rows moving, in place, that others cannot spare, and with them rows at their level that move along.
 
         A row whose level points against its motion would carry less than its level. It is held again, and the others
@@ -259,11 +259,15 @@ class Search:
         following[rows] = self._moving(rows, side)
         if not top.size:
             return
+        way = np.where(modes[top] == AT_HIGH, 1.0, -1.0)
+        # in a symmetric loop a held row may be just at its level because another one carries its own
+        tied = (np.abs(guards.first[0]) <= AT_LIMIT * guards.value_scale) & (guards.direction != 0)
+        tied &= np.isin(self._part_of_row[guards.row], self._part_of_row[top]) & ~np.isin(guards.row, rows)
+        top, way = np.append(top, guards.row[tied]), np.append(way, guards.direction[tied])
         rest = motion.equations.is_held.copy()
-        rest[rows] = False
+        rest[rows] = rest[top] = False
         given = system.balance(rest).accelerations(system.GT[:, rows] @ side)
-        along = np.asarray(system.G[top] @ given)
-        along *= np.where(modes[top] == AT_HIGH, 1.0, -1.0)
+        along = np.asarray(system.G[top] @ given) * way
         # a row that others hold does not move along, but for roundoff
         rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given))
         for part in np.unique(self._part_of_row[top]).tolist():
@@ -280,7 +284,7 @@ class Search:
                 rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
                     continue
-            following[goes] = self._moving(goes, np.where(modes[goes] == AT_HIGH, 1, -1))
+            following[goes] = self._moving(goes, way[np.isin(top, goes)])
             following[rows[mine]] = self._moving(rows[mine], side[mine])
 
     def _moving(self, rows: Indices, side: Array) -> Modes:

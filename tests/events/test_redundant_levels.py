@@ -576,22 +576,26 @@ def test_what_ties_in_a_symmetric_loop_lets_go_together(formulation: str, frame:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_two_blocks_pulled_apart_leave_a_third_at_rest(formulation: str, sign: float) -> None:
+@pytest.mark.parametrize("has_gears", [False, True])
+def test_two_blocks_pulled_apart_leave_a_third_at_rest(formulation: str, sign: float, has_gears: bool) -> None:
     """Two blocks, each held by 2 N below and by 2 N of the block between them, are pulled apart by 1.5 + 2 (t - 6) N.
 
-    From t = 7.25 s on they slip with 2 N. The middle one carries the same load from both sides, and stays.
+    From t = 7.25 s on they slip with 2 N. The middle one carries the same load from both sides, and stays. With gears,
+    what holds a block below and a part of its load act on a wheel of 0.25 kg m^2 that turns half as fast.
     """
-    ramp = piecewise_linear([6.0, 8.0], [-0.5 * sign, 3.5 * sign])
+    ramp = piecewise_linear([6.0, 8.0], [-1.0 * sign, 7.0 * sign])
     below, beside = DryFriction(4.0, 2.0), DryFriction(2.0, 1.0)
     halves: list[Any] = []
     for side, way in (("left", 1.0), ("right", -1.0)):
-        halves += [
-            Body(side, inertia=2.0625),
-            Contact(f"{side} beside", side, "middle", beside, normal=1.0),
-            Force(side, 2.0 * way * sign),
-            Contact(f"{side} below", side, GROUND, below, normal=0.5),
-            Force(side, way * ramp),
-        ]
+        halves.append(Contact(f"{side} beside", side, "middle", beside, normal=1.0))
+        halves.append(Force(side, 2.0 * way * sign))
+        if has_gears:
+            wheel = f"{side} wheel"
+            halves += [Body(side, inertia=2.0), Body(wheel, inertia=0.25), Gear(f"{side} gear", side, wheel, ratio=2.0)]
+            halves += [Contact(f"{side} below", wheel, GROUND, below, normal=1.0), Force(wheel, way * ramp)]
+        else:
+            halves.append(Body(side, inertia=2.0625))
+            halves += [Contact(f"{side} below", side, GROUND, below, normal=0.5), Force(side, 0.5 * way * ramp)]
     result = simulate(Scene(Body("middle", inertia=1.0), *halves), (0.0, 7.7), formulation=formulation)
     assert [event.t for event in result.events] == pytest.approx([7.25] * 4, abs=1e-6)
     assert abs(result.velocity("middle")[-1]) < 1e-6
