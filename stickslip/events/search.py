@@ -326,7 +326,7 @@ class Search:
         takes = np.column_stack([side[:, None] * free[np.searchsorted(held, rows)], np.ones(rows.size)])
         most = np.append(np.zeros(free.shape[1]), -1.0)
         found = scipy.optimize.linprog(most, A_ub=takes, b_ub=np.zeros(rows.size), bounds=(-1.0, 1.0))
-        return bool(-found.fun > _ALONG)
+        return bool(found.status != 0 or -found.fun > _ALONG)
 
     def _can_spare(self, motion: Motion, rows: Indices) -> Mask:
         """Tell for some rows whether others of their part still hold everything if these only carry their level."""
