@@ -79,13 +79,13 @@ def contact_forces(result: Readable, contact: str, *, ax: Any = None) -> Any:
 
 @of_result
 def load_of_contacts(result: Readable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw ``|r| / B`` of contacts, by default of all, over time as a raster with a colour bar; return the axes.
+    """Draw ``|r| / B`` of contacts over time as a raster with a colour bar; return the axes.
 
     Parameters
     ----------
     result : Result
     contacts : sequence of str, optional
-        Names of contacts; by default all of them.
+        Names of contacts; by default all that have a level.
     ax : matplotlib axes, optional
         Where to draw; by default a new figure.
 
@@ -97,8 +97,11 @@ def load_of_contacts(result: Readable, contacts: Sequence[str] | None = None, *,
     names = contact_names(result, contacts)
     coarse = even_points(result)
     ax = own_axes(ax)
-    rows = [_ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names]
-    known = np.ma.masked_invalid(np.reshape(rows, (len(names), coarse.t.size)))
+    rows = {name: _ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names}
+    if contacts is None:
+        # gaps have no level, and are not drawn beside what has one
+        names = [name for name, ratio in rows.items() if np.isfinite(ratio).any()] or names
+    known = np.ma.masked_invalid(np.reshape([rows[name] for name in names], (len(names), coarse.t.size)))
     mesh = raster(ax, coarse.t, known, names, cmap=_GREYS, vmin=0.0, vmax=1.0)
     color_bar(ax, mesh, "|force| / breakaway level")
     ax.set(xlabel=TIME, ylabel="contact")

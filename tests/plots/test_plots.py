@@ -212,6 +212,15 @@ def test_no_contacts_make_an_empty_raster():
     assert not plots.load_of_contacts(alone).get_yticklabels()
 
 
+def test_a_gap_has_no_row_among_loads_of_contacts() -> None:
+    body = Body("m", inertia=1.0, velocity=1.0)
+    gap = Gap("play", "m", GROUND, upper=1.0, stiffness=10.0)
+    both = simulate(Scene(body, Contact("c", "m", GROUND, DryFriction(0.3, 0.2), normal=1.0), gap), (0.0, 1.0))
+    assert [label.get_text() for label in plots.load_of_contacts(both).get_yticklabels()] == ["c"]
+    named = plots.load_of_contacts(both, ["c", "play"])
+    assert [label.get_text() for label in named.get_yticklabels()] == ["c", "play"]
+
+
 def test_many_bodies_become_a_raster(chain):
     ax = plots.velocities(chain)
     values = raster(ax).reshape(30, -1)
