@@ -189,13 +189,15 @@ class _Residual:
 
     def _place_jacobian(self) -> None:
         self.pattern: Any = None
-        by_states, by_rates = self._by_states(0.0, self._motion.y), self._by_rates()
+        start, by_rates = self._motion.y, self._by_rates()
         if self.start.size > _DENSE_LIMIT:
-            sizes = [abs(scipy.sparse.csr_array(matrix)) for matrix in (by_states, by_rates)]
+            # solvers keep the pattern: it has all places that may differ from 0 later
+            parts = [self._by_states(0.0, start), self._by_states(0.0, start, everywhere=True), by_rates]
+            sizes = [abs(scipy.sparse.csr_array(matrix)) for matrix in parts]
             self.pattern, self._places = sparsity_pattern(sum(sizes, scipy.sparse.eye_array(self.start.size)))
         self._rates = self._entries(by_rates)
         changes = self._motion.has_law or self._motion.dependence is not None
-        self._constant = None if changes else self._entries(by_states)
+        self._constant = None if changes else self._entries(self._by_states(0.0, start))
 
     def _entries(self, matrix: Any) -> Array:
         """Return a matrix as IDA takes it: dense, or the data of the sparsity pattern."""
@@ -209,8 +211,8 @@ class _Residual:
         blocks = [(slice(total), slice(total), diagonal), (slice(size, total), slice(system.n), self._G)]
         return assembled(total, blocks)
 
-    def _by_states(self, tau: float, y: Array) -> Any:
-        """Return ``dR/du``, dense or sparse as the scene is."""
+    def _by_states(self, tau: float, y: Array, everywhere: bool = False) -> Any:
+        """Return ``dR/du``, dense or sparse as the scene is; if `everywhere`, numbers where it may differ from 0."""
         motion, system, size, total = self._motion, self._system, self._size, self.start.size
         equations, law = motion.equations, motion.equations.law
         rows, places = equations.velocity_dependent, equations.bristle_places
@@ -218,25 +220,29 @@ class _Residual:
         blocks: list[MatrixBlock] = [(bodies, states, -equations.C), (bodies, forces, self._G.T)]
         if size > system.n:
             others = slice(system.n, size)
-            blocks.append((others, states, -motion.jacobian(tau, y)[others]))
+            rates = motion.jacobian_pattern if everywhere else motion.jacobian(tau, y)
+            blocks.append((others, states, -rates[others]))
         if rows.size:
             w, normal, lag, z = motion.law_arguments(tau, y)
             pushed = system.GT[:, rows]
-            by_velocity = pushed * law.slopes(w, normal, lag, z)
+            by_velocity = pushed * (np.ones_like(w) if everywhere else law.slopes(w, normal, lag, z))
             blocks.append((bodies, bodies, by_velocity @ system.G[rows]))
             if places.size:
-                by_bristle = law.by_bristle(w, normal, z)
+                by_bristle = np.ones_like(z) if everywhere else law.by_bristle(w, normal, z)
                 blocks.append((bodies, places, pushed[:, law.bristles] * by_bristle))
         if motion.dependence is not None:
-            blocks.append((bodies, motion.dependence.states, -self._of_dependence(tau, y)))
+            blocks.append((bodies, motion.dependence.states, -self._of_dependence(tau, y, everywhere)))
         if self._null is not None:
             blocks.append((forces, forces, -self._null))
         return assembled(total, blocks)
 
-    def _of_dependence(self, tau: float, y: Array) -> Array:
+    def _of_dependence(self, tau: float, y: Array, everywhere: bool) -> Array:
         """Return the derivatives of the forces on the bodies, by way of the inputs, by the states that these follow."""
         motion, system = self._motion, self._system
         slopes = motion.input_slopes(tau, y)
+        if everywhere:
+            assert motion.dependence is not None
+            slopes = motion.dependence.pattern(slopes.shape[0])
         found: Array = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
         return found
 
