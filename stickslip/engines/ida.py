@@ -61,17 +61,38 @@ class Ida:
     def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
         lookout = Lookout(guards, self._task.interruption, work, self._look_ahead)
+        # A sparse solver may be left by an exception from the residual only, and only once it has had a Jacobian: else
+        # it frees what it does not have, and the process ends. Until then an exception waits.
+        faults, has_begun = list[Exception](), False
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
-            progress.note(tau)
-            equations.residual(tau, u, rate, out)
+            out[:] = 0.0
+            try:
+                if not faults:
+                    progress.note(tau)
+                    equations.residual(tau, u, rate, out)
+            except Exception as fault:
+                faults.append(fault)
+            if faults and has_begun:
+                raise faults[0]
+
+        def jacobian(tau: float, u: Array, rate: Array, left: Array, cj: float, out: Array) -> None:
+            nonlocal has_begun
+            try:
+                equations.jacobian(tau, u, cj, out)
+            except Exception as fault:
+                faults.append(fault)
+                out[:] = equations.unit
+            has_begun = True
 
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
             out[0] = lookout.at(tau, u[:size], u)
 
         options = self._options(motion, equations, horizon)
-        solver = IDA(residual, eventsfn=smallest_guard, num_events=1, **options)
+        solver = IDA(residual, jacfn=jacobian, eventsfn=smallest_guard, num_events=1, **options)
         solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
+        if faults:
+            raise faults[0]
         taus, points = lookout.points_of(solution)
         work.solvers += 1
         work.steps += taus.size - 1
@@ -105,7 +126,6 @@ class Ida:
             "max_step": longest_step(motion, self._task.max_step, self._task.loads.period),
             "first_step": self._first_step(motion),
             "algebraic_idx": list(range(motion.y.size, equations.start.size)) or None,
-            "jacfn": equations.jacobian,
             "max_num_steps": 100_000,
         }
         if equations.pattern is not None:
@@ -196,6 +216,7 @@ class _Residual:
             sizes = [abs(scipy.sparse.csr_array(matrix)) for matrix in parts]
             self.pattern, self._places = sparsity_pattern(sum(sizes, scipy.sparse.eye_array(self.start.size)))
         self._rates = self._entries(by_rates)
+        self.unit = self._entries(scipy.sparse.eye_array(self.start.size))
         changes = self._motion.has_law or self._motion.dependence is not None
         self._constant = None if changes else self._entries(self._by_states(0.0, start))
 
@@ -246,7 +267,7 @@ class _Residual:
         found: Array = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
         return found
 
-    def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
+    def jacobian(self, tau: float, u: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
         state = self._constant
         if state is None:
