@@ -10,6 +10,7 @@ import numpy as np
 from stickslip.engines.base import LOCAL, Method, Task
 from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series
+from stickslip.engines.solvers.faults import Faults
 from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, follow, longest_step
 from stickslip.engines.solvers.linear_solver import LinearSolver, band_order
 from stickslip.engines.solvers.sundials import CVODE
@@ -75,6 +76,7 @@ class Cvode:
         self._now = _CurrentMotion()
         self._solvers: dict[_Steps, Any] = {}
         self._events: dict[_Steps, int] = {}
+        self._faults: dict[_Steps, Faults] = {}
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
@@ -90,7 +92,12 @@ class Cvode:
         self._now.progress, self._now.has_begun = progress, False
         key, solver = self._solver(selected)
         lookout.end = None
+        faults = self._faults.get(key)
+        if faults is not None:
+            faults.clear()
         solution = solver.solve(np.array([0.0, tau]), selected.start)
+        if faults is not None:
+            faults.check()
         taus, points = lookout.points_of(solution)
         work.steps += taus.size - 1
         work.rate_calls += solution.nfev
@@ -135,6 +142,10 @@ class Cvode:
             out[0] = now.lookout.at(tau, now.motion.expand(tau, y), y)
 
         rtol, atol = self._tolerance
+        if now.linear_solver.is_sparse:
+            faults = Faults()
+            rate, jacobian = faults.of_rates(rate), faults.of_jacobian(jacobian, 0.0)
+            self._faults[max_step, first] = faults
         return CVODE(
             rate,
             method=self._kind,

@@ -17,6 +17,7 @@ import scipy
 
 from stickslip.engines.base import LOCAL, Method, Task
 from stickslip.engines.progress import Progress
+from stickslip.engines.solvers.faults import Faults
 from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, follow, longest_step
 from stickslip.engines.solvers.linear_solver import on_pattern, sparsity_pattern
 from stickslip.engines.solvers.sundials import IDA
@@ -61,38 +62,25 @@ class Ida:
     def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
         lookout = Lookout(guards, self._task.interruption, work, self._look_ahead)
-        # A sparse solver may be left by an exception from the residual only, and only once it has had a Jacobian: else
-        # it frees what it does not have, and the process ends. Until then an exception waits.
-        faults, has_begun = list[Exception](), False
+        faults = Faults()
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
-            out[:] = 0.0
-            try:
-                if not faults:
-                    progress.note(tau)
-                    equations.residual(tau, u, rate, out)
-            except Exception as fault:
-                faults.append(fault)
-            if faults and has_begun:
-                raise faults[0]
-
-        def jacobian(tau: float, u: Array, rate: Array, left: Array, cj: float, out: Array) -> None:
-            nonlocal has_begun
-            try:
-                equations.jacobian(tau, u, cj, out)
-            except Exception as fault:
-                faults.append(fault)
-                out[:] = equations.unit
-            has_begun = True
+            progress.note(tau)
+            equations.residual(tau, u, rate, out)
 
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
             out[0] = lookout.at(tau, u[:size], u)
 
         options = self._options(motion, equations, horizon)
-        solver = IDA(residual, jacfn=jacobian, eventsfn=smallest_guard, num_events=1, **options)
+        solver = IDA(
+            faults.of_rates(residual),
+            jacfn=faults.of_jacobian(equations.jacobian, equations.unit),
+            eventsfn=smallest_guard,
+            num_events=1,
+            **options,
+        )
         solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
-        if faults:
-            raise faults[0]
+        faults.check()
         taus, points = lookout.points_of(solution)
         work.solvers += 1
         work.steps += taus.size - 1
@@ -267,7 +255,7 @@ class _Residual:
         found: Array = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
         return found
 
-    def jacobian(self, tau: float, u: Array, cj: float, out: Array) -> None:
+    def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
         state = self._constant
         if state is None:

@@ -48,6 +48,11 @@ class LinearSolver:
         self._places: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._pattern: Any = None
 
+    @property
+    def is_sparse(self) -> bool:
+        """Whether SUNDIALS' sparse solver is used."""
+        return self._kind == "sparse"
+
     def hold(self, size: int, jacobian_pattern: Callable[[], Any]) -> bool:
         """Make room for a Jacobian of some size and pattern; return whether earlier solvers have no room for it."""
         if size <= _DENSE_LIMIT:
