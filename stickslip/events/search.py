@@ -25,6 +25,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
 _SINGULAR = 1e-12  # part of the largest singular value below which a direction of forces accelerates no body
+_LARGE = 2000  # held rows of a loop that are too many to look at all changes of their forces
 _ENUMERATED = 6
 _MOST_TRIALS = 1000
 
@@ -317,8 +318,10 @@ class Search:
     def _can_relieve(self, held: Indices, rows: Indices, side: Array) -> bool:
         """Tell whether the `held` rows of a loop can take force from some of them, pushed to a `side`, all at once.
 
-        Their forces may change by all that accelerates no body.
+        Their forces may change by all that accelerates no body. Of large loops this is not asked: it would take long.
         """
+        if held.size > _LARGE:
+            return True
         system = self._system
         unit = dense(system.G[held]) / system.largest_lever[held][:, None]
         free = scipy.linalg.null_space(unit.T, rcond=_SINGULAR)
