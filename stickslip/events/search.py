@@ -260,7 +260,7 @@ class Search:
         following[rows] = self._moving(rows, side)
         if not top.size:
             return
-        way = np.where(modes[top] == AT_HIGH, 1.0, -1.0)
+        way, count = np.where(modes[top] == AT_HIGH, 1.0, -1.0), top.size
         # in a symmetric loop a held row may be just at its level because another one carries its own
         tied = (np.abs(guards.first[0]) <= AT_LIMIT * guards.value_scale) & (guards.direction != 0)
         tied &= np.isin(self._part_of_row[guards.row], self._part_of_row[top]) & ~np.isin(guards.row, rows)
@@ -274,7 +274,7 @@ class Search:
         for part in np.unique(self._part_of_row[top]).tolist():
             own, mine = self._part_of_row[top] == part, self._part_of_row[rows] == part
             least = max(_ALONG * np.abs(along[own]).max(), rough[own].max())
-            goes, against = top[own & (along > least)], bool((along[own] < -least).any())
+            goes, against = top[own & (along > least)], bool((along[:count][own[:count]] < -least).any())
             following[top[own]] = 0
             if against:
                 following[goes] = modes[goes]

@@ -117,20 +117,21 @@ def _parts(branch: Any, body: str | None) -> list[tuple[np.ndarray, np.ndarray, 
         y = one.periods if body is None else one.amplitudes(body)
         known = np.isfinite(y)
         x, y, stable = np.asarray(one.values)[known], y[known], np.asarray(one.stable)[known]
-        last = None
-        for point in one.points:
-            if point.cycle is None:
-                continue
-            there = point.value, point.cycle.period if body is None else point.cycle.amplitude(body)
-            if point.kind in _ENDS:
-                last = there if last is None else last
-                continue
-            rising = x.size < 2 or x[-1] > x[0]
-            place = int(np.searchsorted(x, there[0]) if rising else x.size - np.searchsorted(x[::-1], there[0]))
-            x, y, stable = _with(x, y, stable, place, there)
+        here = [
+            (point.kind in _ENDS, (point.value, point.cycle.period if body is None else point.cycle.amplitude(body)))
+            for point in one.points
+            if point.cycle is not None
+        ]
+        last = next((there for is_end, there in here if is_end), None)
         for place, end in ((0, first), (x.size + (first is not None), last)):
             if end is not None:
                 x, y, stable = _with(x, y, stable, place, end)
+        for there in (there for is_end, there in here if not is_end):
+            # with one place alone there is no line on which others could stand
+            if x.size > 1:
+                falls = x[-1] < x[0]
+                place = x.size - np.searchsorted(x[::-1], there[0]) if falls else np.searchsorted(x, there[0])
+                x, y, stable = _with(x, y, stable, int(place), there)
         found.append((x, y, stable))
         first = last
     return found

@@ -602,3 +602,32 @@ def test_two_blocks_pulled_apart_leave_a_third_at_rest(formulation: str, sign: f
     exact = sign * ((1.7**2 - 1.25**2) - 0.5 * 0.45) / 2.0625
     assert result.velocity("left")[-1] == pytest.approx(exact, abs=1e-5)
     assert result.velocity("right")[-1] == pytest.approx(-exact, abs=1e-5)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_held_row_at_its_level_says_nothing_of_rows_that_carry_theirs(formulation: str) -> None:
+    """One contact is just at its level of 3 N as another lets go: that one slides from the start, and is not STUCK.
+
+    6 N / 11 kg accelerate all bodies but two: the ties and contacts of the ring hold until 29 / 27 s.
+    """
+
+    def contact(name: str, a: str, b: str, level: float) -> Contact:
+        return Contact(name, a, b, DryFriction(level, level), normal=1.0)
+
+    scene = Scene(
+        *(Body(name, inertia=1.0) for name in ("h0", "h1", "h2", "m0", "m1")),
+        contact("r0", "h1", "m0", 2.0),
+        contact("r1", "h2", "h0", 4.0),
+        contact("r2", "h1", "h2", 3.0),
+        contact("below", "m0", GROUND, 3.0),
+        contact("beside", "m1", "m0", 3.0),
+        Tie("tie", {"h0": 1.0, "h1": -2.0}),
+        *(Force(name, 3.0) for name in ("h2", "m1", "m0")),
+        Force("m1", piecewise_linear([0.0, 1.0, 3.0], [0.0, 0.0, 3.0])),
+    )
+    result = simulate(scene, (0.0, 2.0), formulation=formulation)
+    assert (result.mode("below") == 1).all()
+    assert result.sample([0.5, 1.0]).velocity("m0") == pytest.approx([3 / 11, 6 / 11], abs=1e-6)
+    assert told(result)[0] == ("r0", 0, -1)
+    assert result.events[0].t == pytest.approx(29 / 27, abs=1e-5)
+    assert np.diff(result.velocity("m0")).min() > -1e-9

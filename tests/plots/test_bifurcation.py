@@ -1,0 +1,43 @@
+"""Diagrams of branches: where the points stand on the lines."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip.plots.bifurcation import _parts
+
+
+def part(values: list[float], points: list[tuple[float, str]], beyond: Any = None) -> Any:
+    """Return a branch whose cycles at a value x have the period 10 + x."""
+    marks = [
+        SimpleNamespace(value=value, kind=kind, cycle=SimpleNamespace(period=10.0 + value)) for value, kind in points
+    ]
+    periods = 10.0 + np.array(values, dtype=float)
+    return SimpleNamespace(
+        values=values, periods=periods, stable=np.ones(len(values), dtype=bool), points=marks, beyond=beyond
+    )
+
+
+@pytest.mark.parametrize(
+    ("branch", "expected"),
+    [
+        (part([3.0, 2.0, 1.0], [(2.5, "crossing"), (0.9, "end")]), [[3.0, 2.5, 2.0, 1.0, 0.9]]),
+        (
+            part([1.0, 2.0], [(1.5, "flip"), (2.2, "fold")], part([2.0], [(1.9, "flip"), (1.8, "end")])),
+            [[1.0, 1.5, 2.0, 2.2], [2.2, 2.0, 1.9, 1.8]],
+        ),
+        (
+            part([1.0], [(2.2, "fold")], part([], [(2.1, "flip"), (2.05, "crossing"), (1.8, "end")])),
+            [[1.0, 2.2], [2.2, 2.1, 2.05, 1.8]],
+        ),
+    ],
+)
+def test_points_stand_in_order_along_each_part(branch: Any, expected: list[list[float]]) -> None:
+    parts = _parts(branch, None)
+    assert [x.tolist() for x, _, _ in parts] == expected
+    for x, y, _ in parts:
+        assert y == pytest.approx(10.0 + x)
