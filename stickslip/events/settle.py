@@ -175,7 +175,11 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         closed[system.dependence.cancelled(q, now.y)] = False
     tried, as_it_is = list[bytes](), False
     while True:
-        found = _settled(system, segment, now, uncertainty, q, closed)
+        try:
+            found = _settled(system, segment, now, uncertainty, q, closed)
+        except Inconsistent as fault:
+            now = _moving_on(system, segment, now, q, fault)
+            continue
         wrong = found.guards.misjudged
         # after a first try, normal forces that at once pass 0 to the right side are wrong by roundoff only
         if as_it_is or not wrong.size or (tried and found.guards.soon_right(wrong)):
@@ -190,13 +194,21 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
             # laws that never stick give no force where the normal force is 0: rows that only touch that stay closed
             closed[wrong] = as_it_is = True
         elif again > 1:
-            # a velocity that was taken for 0 may be all that tells whether the row opens or closes
-            w, rough = _relative(system, segment, now.y, now.was, now.t, q)
-            taken = np.isin(np.arange(system.m), wrong) & now.touching & (np.abs(w) > rough)
-            if not taken.any():
-                raise Inconsistent(wrong)
-            now = now._replace(touching=now.touching & ~taken)
+            now = _moving_on(system, segment, now, q, Inconsistent(wrong))
             tried.clear()
+
+
+def _moving_on(system: System, segment: Segment, now: Situation, q: Array, fault: Inconsistent) -> Situation:
+    """Return the situation without rows that count as at rest, but move by more than roundoff; raise if there is none.
+
+    Where a motion dies away together with a normal force, such a velocity tells whether a row opens or closes: that of
+    the row itself, or of one that bodies join to it.
+    """
+    w, rough = _relative(system, segment, now.y, now.was, now.t, q)
+    moves = np.isin(system.part_of_row, system.part_of_row[fault.rows]) & now.touching & (np.abs(w) > rough)
+    if not moves.any():
+        raise fault
+    return now._replace(touching=now.touching & ~moves)
 
 
 def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:

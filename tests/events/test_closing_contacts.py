@@ -216,6 +216,21 @@ def test_a_wedge_that_both_sides_press_dies_away() -> None:
     assert abs(result.velocity("wedge")[-1]) < 1e-12
 
 
+def test_a_row_beside_tells_by_its_velocity_which_one_opens() -> None:
+    """Two contacts whose normal forces are those of one place: both come to 0 as the bodies come to rest."""
+    scene = Scene(
+        Body("a", inertia=0.7642543699392532, velocity=-0.5, position=-0.1),
+        Body("b", inertia=0.5340143976011625),
+        Spring("a", GROUND, stiffness=10.0, damping=5.0),
+        Spring("b", GROUND, stiffness=50.0, damping=5.0),
+        Spring("b", "a", stiffness=10.0),
+        Contact("below", "a", GROUND, DryFriction(0.065, 0.05, dwell=0.1), normal=-5.0 * position("a")),
+        Contact("between", "a", "b", DryFriction(0.3, 0.3), normal=10.0 * position("a")),
+    )
+    result = simulate(scene, (0.0, 20.0))
+    assert np.abs(result.y[:, -1]).max() < 1e-11
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_table_whose_corner_is_where_all_comes_to_rest() -> None:
     scene = Scene(
