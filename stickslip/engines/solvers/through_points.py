@@ -53,7 +53,9 @@ def path_through(
     is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
     rates = None if method == "BDF" else lambda k: motion.rate(float(taus[k]), points[k])
-    coefficients = _of_all_steps(taus, points, tolerance, _DEGREE[method], rates)
+    # only borders of gaps and stops are compared with places, which are large beside what they move just after 0
+    every = _of_all_steps if motion.equations.borders.size else through_points
+    coefficients = every(taus, points, tolerance, _DEGREE[method], rates)
     path = Path(taus, coefficients, motion.exact(float(taus[-1]), points[-1]), hit, True)
     if not is_finite:
         raise SolverFailure(
