@@ -31,6 +31,14 @@ _CAREFUL, _SHORTEST = 1e-4, 1e-8
 _Steps = tuple[float, float]  # longest and first step in s
 
 
+class _Solver:
+    """A solver of scikit-sundae, what fails in it, and how many events have stopped it."""
+
+    def __init__(self, own: Any, faults: Faults) -> None:
+        self.own, self.faults = own, faults
+        self.events = 0
+
+
 class _CurrentMotion:
     """The motion that is followed now, for the callbacks of solvers.
 
@@ -74,9 +82,7 @@ class Cvode:
             self._series = Series(task)
             self._series.work = self.work
         self._now = _CurrentMotion()
-        self._solvers: dict[_Steps, Any] = {}
-        self._events: dict[_Steps, int] = {}
-        self._faults: dict[_Steps, Faults] = {}
+        self._solvers: dict[_Steps, _Solver] = {}
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
@@ -90,19 +96,16 @@ class Cvode:
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work
         self._now.progress, self._now.has_begun = progress, False
-        key, solver = self._solver(selected)
+        solver = self._solver(selected)
         lookout.end = None
-        faults = self._faults.get(key)
-        if faults is not None:
-            faults.clear()
-        solution = solver.solve(np.array([0.0, tau]), selected.start)
-        if faults is not None:
-            faults.check()
+        solver.faults.clear()
+        solution = solver.own.solve(np.array([0.0, tau]), selected.start)
+        solver.faults.check()
         taus, points = lookout.points_of(solution)
         work.steps += taus.size - 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
-        self._events[key] += solution.status == 2
+        solver.events += solution.status == 2
         path = path_through(
             selected.motion,
             taus,
@@ -113,7 +116,7 @@ class Cvode:
         )
         return solved(solution, path)
 
-    def _solver(self, selected: Selected) -> tuple[_Steps, Any]:
+    def _solver(self, selected: Selected) -> _Solver:
         motion = selected.motion
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.jacobian_pattern)):
@@ -122,12 +125,12 @@ class Cvode:
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
         fit = [x for m, x in self._solvers if m == max_step and _SHORTEST * first <= x <= first]
         key = max_step, fit[0] if fit else _CAREFUL * first
-        if key not in self._solvers or self._events[key] >= _EVENTS_PER_SOLVER:
-            self._solvers[key], self._events[key] = self._make(*key), 0
+        if key not in self._solvers or self._solvers[key].events >= _EVENTS_PER_SOLVER:
+            self._solvers[key] = self._make(*key)
             self.work.solvers += 1
-        return key, self._solvers[key]
+        return self._solvers[key]
 
-    def _make(self, max_step: float, first: float) -> Any:
+    def _make(self, max_step: float, first: float) -> _Solver:
         """Return a solver; its callbacks serve whatever motion is followed when they are called."""
         now = self._now
 
@@ -142,22 +145,20 @@ class Cvode:
             out[0] = now.lookout.at(tau, now.motion.expand(tau, y), y)
 
         rtol, atol = self._tolerance
-        if now.linear_solver.is_sparse:
-            faults = Faults()
-            rate, jacobian = faults.of_rates(rate), faults.of_jacobian(jacobian, 0.0)
-            self._faults[max_step, first] = faults
-        return CVODE(
-            rate,
+        faults = Faults(waits=now.linear_solver.is_sparse)
+        own = CVODE(
+            faults.of_rates(rate),
             method=self._kind,
             rtol=rtol,
             atol=_shortest(now.motion.pick(atol)),
             max_step=max_step,
             first_step=first,
-            jacfn=jacobian,
+            jacfn=faults.of_jacobian(jacobian, lambda: 0.0),
             eventsfn=smallest_guard,
             num_events=1,
             **now.linear_solver.options(),
         )
+        return _Solver(own, faults)
 
 
 class Selected:

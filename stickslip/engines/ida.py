@@ -24,7 +24,7 @@ from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
 from stickslip.engines.work import Work, solved
 from stickslip.equations.algebra.matrices import MatrixBlock, assembled, dense
-from stickslip.equations.balance import component_numbers
+from stickslip.equations.balance import component_numbers, self_stress
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -62,7 +62,7 @@ class Ida:
     def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
         lookout = Lookout(guards, self._task.interruption, work, self._look_ahead)
-        faults = Faults()
+        faults = Faults(waits=equations.pattern is not None)
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
             progress.note(tau)
@@ -145,9 +145,7 @@ class _Residual:
         if not self._motion.equations.balance.has_loops:
             return None
         scale = self._system.largest_lever[held]
-        unit = dense(self._G) / scale[:, None]
-        values, vectors = np.linalg.eigh(unit @ unit.T)
-        free = vectors[:, values < 1e-12 * values.max()]
+        free = self_stress(self._G, scale)
         part = component_numbers(self._G)
         mobility = np.zeros(part.max() + 1)
         np.maximum.at(mobility, part, 1.0 / (self.impulse_scale * scale**2))
@@ -197,16 +195,22 @@ class _Residual:
 
     def _place_jacobian(self) -> None:
         self.pattern: Any = None
-        start, by_rates = self._motion.y, self._by_rates()
-        if self.start.size > _DENSE_LIMIT:
-            # solvers keep the pattern: it has all places that may differ from 0 later
-            parts = [self._by_states(0.0, start), self._by_states(0.0, start, everywhere=True), by_rates]
-            sizes = [abs(scipy.sparse.csr_array(matrix)) for matrix in parts]
-            self.pattern, self._places = sparsity_pattern(sum(sizes, scipy.sparse.eye_array(self.start.size)))
-        self._rates = self._entries(by_rates)
-        self.unit = self._entries(scipy.sparse.eye_array(self.start.size))
+        start, total = self._motion.y, self.start.size
+        by_states, by_rates = self._by_states(0.0, start), self._by_rates()
         changes = self._motion.has_law or self._motion.dependence is not None
-        self._constant = None if changes else self._entries(self._by_states(0.0, start))
+        if total > _DENSE_LIMIT:
+            parts = [by_states, by_rates]
+            if changes:
+                # solvers keep the pattern: it has all places that may differ from 0 later
+                parts.append(self._by_states(0.0, start, everywhere=True))
+            sizes = [abs(scipy.sparse.csr_array(matrix)) for matrix in parts]
+            self.pattern, self._places = sparsity_pattern(sum(sizes, scipy.sparse.eye_array(total)))
+        self._rates = self._entries(by_rates)
+        self._constant = None if changes else self._entries(by_states)
+
+    def unit(self) -> Array:
+        """Return the unit matrix as IDA takes it."""
+        return self._entries(scipy.sparse.eye_array(self.start.size))
 
     def _entries(self, matrix: Any) -> Array:
         """Return a matrix as IDA takes it: dense, or the data of the sparsity pattern."""
@@ -248,10 +252,9 @@ class _Residual:
     def _of_dependence(self, tau: float, y: Array, everywhere: bool) -> Array:
         """Return the derivatives of the forces on the bodies, by way of the inputs, by the states that these follow."""
         motion, system = self._motion, self._system
-        slopes = motion.input_slopes(tau, y)
-        if everywhere:
-            assert motion.dependence is not None
-            slopes = motion.dependence.pattern(slopes.shape[0])
+        assert motion.dependence is not None
+        inputs = system.inputs_and_dwells
+        slopes = motion.dependence.pattern(inputs) if everywhere else motion.input_slopes(tau, y)
         found: Array = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
         return found
 

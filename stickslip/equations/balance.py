@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.algebra.matrices import row_maxima, split_by
+from stickslip.equations.algebra.matrices import dense, row_maxima, split_by
 from stickslip.model.arrays import Array, Indices, like
 
 # A difference below this part of the subtracted number is 0: numbers of the scene agree in no more digits.
@@ -364,6 +364,13 @@ class _Component:
                 stiff = _RIGID * ((of_loop @ np.abs(G) > 0) @ inertia)
                 stiff[stiff == 0] = _RIGID
                 self.parting = null.T @ gram @ (stiff[number][:, None] * off)
+
+
+def self_stress(G: Any, levers: Array) -> Array:
+    """Return orthonormal forces of rows that accelerate no body, a column each; rows are scaled to their `levers`."""
+    unit = dense(G) / levers[:, None]
+    values, vectors = np.linalg.eigh(unit @ unit.T)
+    return np.asarray(vectors[:, values <= _ZERO * values.max(initial=0.0)])
 
 
 def _difference(a: Array, b: Array, size: Array | None = None) -> Array:

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-import scipy
 
-from stickslip.equations.algebra.matrices import dense, split_by
+from stickslip.equations.algebra.matrices import split_by
 from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
@@ -19,13 +18,11 @@ from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.least_constraint import least_constraint
-from stickslip.events.sharing import share
+from stickslip.events.sharing import can_relieve, share
 from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
-_SINGULAR = 1e-12  # part of the largest singular value below which a direction of forces accelerates no body
-_LARGE = 2000  # held rows of a loop that are too many to look at all changes of their forces
 _ENUMERATED = 6
 _MOST_TRIALS = 1000
 
@@ -260,7 +257,7 @@ class Search:
         following[rows] = self._moving(rows, side)
         if not top.size:
             return
-        way, count = np.where(modes[top] == AT_HIGH, 1.0, -1.0), top.size
+        way = np.where(modes[top] == AT_HIGH, 1.0, -1.0)
         # in a symmetric loop a held row may be just at its level because another one carries its own
         tied = (np.abs(guards.first[0]) <= AT_LIMIT * guards.value_scale) & (guards.direction != 0)
         tied &= np.isin(self._part_of_row[guards.row], self._part_of_row[top]) & ~np.isin(guards.row, rows)
@@ -274,7 +271,8 @@ class Search:
         for part in np.unique(self._part_of_row[top]).tolist():
             own, mine = self._part_of_row[top] == part, self._part_of_row[rows] == part
             least = max(_ALONG * np.abs(along[own]).max(), rough[own].max())
-            goes, against = top[own & (along > least)], bool((along[:count][own[:count]] < -least).any())
+            moves = own & (along > least)
+            goes, against = top[moves], bool((along[own & (modes[top] != 0)] < -least).any())
             following[top[own]] = 0
             if against:
                 following[goes] = modes[goes]
@@ -285,7 +283,7 @@ class Search:
                 rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
                     continue
-            following[goes] = self._moving(goes, way[np.isin(top, goes)])
+            following[goes] = self._moving(goes, way[moves])
             following[rows[mine]] = self._moving(rows[mine], side[mine])
 
     def _moving(self, rows: Indices, side: Array) -> Modes:
@@ -307,29 +305,13 @@ class Search:
         spared[ties] = self._can_spare(motion, rows[ties])
         for number in np.unique(loop[ties[~spared[ties]]]).tolist():
             own = (loop == number).nonzero()[0]
-            if own.size > 1 and not self._can_relieve(held[balance.loop == number], rows[own], side[own]):
+            if own.size > 1 and not can_relieve(self._system, held[balance.loop == number], rows[own], side[own]):
                 spared[own] = False
                 continue
             for place in own[np.argsort(slopes[own], kind="stable")].tolist():
                 spared[place] = True
                 spared[place] = self._can_spare(motion, rows[own[spared[own]]]).all()
         return spared
-
-    def _can_relieve(self, held: Indices, rows: Indices, side: Array) -> bool:
-        """Tell whether the `held` rows of a loop can take force from some of them, pushed to a `side`, all at once.
-
-        Their forces may change by all that accelerates no body. Of large loops this is not asked: it would take long.
-        """
-        if held.size > _LARGE:
-            return True
-        system = self._system
-        unit = dense(system.G[held]) / system.largest_lever[held][:, None]
-        free = scipy.linalg.null_space(unit.T, rcond=_SINGULAR)
-        # find the change that takes most from the row from which it takes least
-        takes = np.column_stack([side[:, None] * free[np.searchsorted(held, rows)], np.ones(rows.size)])
-        most = np.append(np.zeros(free.shape[1]), -1.0)
-        found = scipy.optimize.linprog(most, A_ub=takes, b_ub=np.zeros(rows.size), bounds=(-1.0, 1.0))
-        return bool(found.status != 0 or -found.fun > _ALONG)
 
     def _can_spare(self, motion: Motion, rows: Indices) -> Mask:
         """Tell for some rows whether others of their part still hold everything if these only carry their level."""

@@ -11,16 +11,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
-from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.balance import self_stress
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask
 
 _SOON = 1e-6  # how far ahead to look, as a part of the time in which a guard changes by its own size
 _PART = 1e-9
 _SELF_STRESS = 1e-9
+_LARGE = 2000  # held rows of a loop that are too many to look at all changes of their forces
 
 
 @dataclass(frozen=True)
@@ -44,15 +47,15 @@ def share(motion: Motion, guards: Guards, part: Mask) -> Share | None:
     if not (equations.balance.loop[own] >= 0).any():
         return None
     scale = motion.system.largest_lever[held]
-    self_stress = _null_space(dense(motion.system.G[held]) / scale[:, None])
+    stress = self_stress(motion.system.G[held], scale)
     limits = ((~guards.is_velocity) & (guards.direction != 0) & part[guards.row]).nonzero()[0]
     place = np.searchsorted(held, guards.row[limits])
-    free = np.abs(self_stress[place]).max(axis=1, initial=0.0) > _SELF_STRESS
+    free = np.abs(stress[place]).max(axis=1, initial=0.0) > _SELF_STRESS
     limits, place = limits[free], place[free]
     side = guards.direction[limits]
     left = soon(motion, guards.start[:, limits])
     # side * (force added) <= left, each force in units of its row
-    rows, needed = -side[:, None] * self_stress[place], -left * scale[place]
+    rows, needed = -side[:, None] * stress[place], -left * scale[place]
     size = float(np.abs(needed).max(initial=0.0)) or 1.0
     wide = np.vstack([rows.T, needed / size])
     target = np.zeros(wide.shape[0])
@@ -63,10 +66,19 @@ def share(motion: Motion, guards: Guards, part: Mask) -> Share | None:
     return Share(guards.row[limits[some]], side[some], bool(abs(rest[-1]) > _SELF_STRESS))
 
 
-def _null_space(rows: Array) -> Array:
-    """Return orthonormal forces that move nothing, a column each."""
-    values, vectors = np.linalg.eigh(rows @ rows.T)
-    return np.asarray(vectors[:, values <= 1e-11 * values.max(initial=0.0)])
+def can_relieve(system: System, held: Indices, rows: Indices, side: Array) -> bool:
+    """Tell whether the `held` rows of a loop can take force from some of them, pushed to a `side`, all at once.
+
+    Their forces may change by all that moves nothing. Of large loops this is not asked: it would take long.
+    """
+    if held.size > _LARGE:
+        return True
+    free = self_stress(system.G[held], system.largest_lever[held])
+    # find the change that takes most from the row from which it takes least
+    takes = np.column_stack([side[:, None] * free[np.searchsorted(held, rows)], np.ones(rows.size)])
+    most = np.append(np.zeros(free.shape[1]), -1.0)
+    found = scipy.optimize.linprog(most, A_ub=takes, b_ub=np.zeros(rows.size), bounds=(-1.0, 1.0))
+    return bool(found.status != 0 or -found.fun > _SELF_STRESS)
 
 
 def soon(motion: Motion, start: Array) -> Array:

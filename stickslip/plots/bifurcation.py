@@ -117,21 +117,20 @@ def _parts(branch: Any, body: str | None) -> list[tuple[np.ndarray, np.ndarray, 
         y = one.periods if body is None else one.amplitudes(body)
         known = np.isfinite(y)
         x, y, stable = np.asarray(one.values)[known], y[known], np.asarray(one.stable)[known]
-        here = [
-            (point.kind in _ENDS, (point.value, point.cycle.period if body is None else point.cycle.amplitude(body)))
+        places = [
+            (point.value, point.cycle.period if body is None else point.cycle.amplitude(body), point.kind)
             for point in one.points
             if point.cycle is not None
         ]
-        last = next((there for is_end, there in here if is_end), None)
+        last = next(((value, height) for value, height, kind in places if kind in _ENDS), None)
         for place, end in ((0, first), (x.size + (first is not None), last)):
             if end is not None:
                 x, y, stable = _with(x, y, stable, place, end)
-        for there in (there for is_end, there in here if not is_end):
+        for value, height, kind in places:
             # with one place alone there is no line on which others could stand
-            if x.size > 1:
-                falls = x[-1] < x[0]
-                place = x.size - np.searchsorted(x[::-1], there[0]) if falls else np.searchsorted(x, there[0])
-                x, y, stable = _with(x, y, stable, int(place), there)
+            if kind not in _ENDS and x.size > 1:
+                way = np.sign(x[-1] - x[0])
+                x, y, stable = _with(x, y, stable, int(np.searchsorted(way * x, way * value)), (value, height))
         found.append((x, y, stable))
         first = last
     return found

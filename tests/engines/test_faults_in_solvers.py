@@ -52,12 +52,12 @@ def test_a_function_may_fail_in_any_call_of_cvode(method: str, call: int) -> Non
 
 
 def test_a_fault_waits_for_the_first_jacobian() -> None:
-    faults, out = Faults(), np.ones(2)
+    faults, out = Faults(waits=True), np.ones(2)
 
     def fails(out: Any) -> None:
         raise ArithmeticError("first")
 
-    rates, jacobian = faults.of_rates(fails), faults.of_jacobian(fails, 7.0)
+    rates, jacobian = faults.of_rates(fails), faults.of_jacobian(fails, lambda: 7.0)
     rates(out)
     assert out.tolist() == [0.0, 0.0]
     jacobian(out)

@@ -10,13 +10,14 @@ from stickslip.model.arrays import Array
 
 
 class Faults:
-    """Exceptions from the functions that a sparse solver calls.
+    """Exceptions from the functions that a solver calls; they wait if it is sparse.
 
-    It may be left by an exception from its rates or residual only, and only once it has had a Jacobian: else it frees
-    what it does not have, and the process ends.
+    A sparse solver may be left by an exception from its rates or residual only, and only once it has had a Jacobian:
+    else it frees what it does not have, and the process ends.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, waits: bool) -> None:
+        self._waits = waits
         self._first: Exception | None = None
         self._has_jacobian = False
 
@@ -30,23 +31,28 @@ class Faults:
             raise self._first
 
     def of_rates(self, function: Callable[..., None]) -> Callable[..., None]:
-        """Return a function that fills its last argument, but raises later."""
+        """Return a function that fills its last argument as the given one does, but raises later."""
+        if not self._waits:
+            return function
 
         @wraps(function)
         def shielded(*arguments: Any) -> None:
-            arguments[-1][:] = 0.0
             if self._first is None:
                 try:
                     function(*arguments)
+                    return
                 except Exception as fault:
                     self._first = fault
+            arguments[-1][:] = 0.0
             if self._has_jacobian:
                 self.check()
 
         return shielded
 
-    def of_jacobian(self, function: Callable[..., None], instead: float | Array) -> Callable[..., None]:
-        """Return a function that fills its last argument, with `instead` if that fails, and lets the rates raise."""
+    def of_jacobian(self, function: Callable[..., None], instead: Callable[[], float | Array]) -> Callable[..., None]:
+        """Return a function that fills its last argument as the given one does, or else `instead`: the rates raise."""
+        if not self._waits:
+            return function
 
         @wraps(function)
         def shielded(*arguments: Any) -> None:
@@ -54,7 +60,7 @@ class Faults:
                 function(*arguments)
             except Exception as fault:
                 self._first = self._first or fault
-                arguments[-1][:] = instead
+                arguments[-1][:] = instead()
             self._has_jacobian = True
 
         return shielded
