@@ -278,7 +278,9 @@ class Search:
                 following[goes] = modes[goes]
                 # of these only those carry their level that other rows lock
                 spared = mine.nonzero()[0]
-                spared = spared[equations_in(following, system, self._regions).locked(rows[spared])]
+                others = equations_in(following, system, self._regions)
+                locks = others.locked(rows[spared], ignore_drives=True)
+                spared = spared[locks & ~self._torn(motion, others.balance, rows[spared])]
                 following[rows[spared]] = _carrying(side[spared])
                 rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):

@@ -29,3 +29,16 @@ def test_random_problems() -> None:
 def test_nothing_at_all() -> None:
     assert nonnegative_least_squares(np.zeros((3, 0)), np.ones(3)).size == 0
     assert (nonnegative_least_squares(np.zeros((3, 2)), np.ones(3)) == 0).all()
+
+
+def test_targets_that_are_almost_out_of_reach() -> None:
+    """Weights of 1e4 to 1e8 have that much roundoff: it ends the rounds."""
+    for seed in range(3000):
+        rng = np.random.default_rng(seed)
+        n, m = rng.integers(2, 7), rng.integers(3, 14)
+        matrix, target = rng.integers(-2, 3, (n, m)).astype(float), np.zeros(n)
+        matrix[-1] *= 10.0 ** -rng.integers(4, 8)
+        target[-1] = 1.0
+        x = nonnegative_least_squares(matrix, target)
+        slope = matrix.T @ (matrix @ x - target)
+        assert (x >= 0).all() and slope.min() >= -1e-10 * (1 + x.max())

@@ -27,6 +27,7 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Stop,
     Tie,
     piecewise_linear,
     simulate,
@@ -631,3 +632,71 @@ def test_a_held_row_at_its_level_says_nothing_of_rows_that_carry_theirs(formulat
     assert told(result)[0] == ("r0", 0, -1)
     assert result.events[0].t == pytest.approx(29 / 27, abs=1e-5)
     assert np.diff(result.velocity("m0")).min() > -1e-9
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("to", ["belt", GROUND])
+def test_a_knot_beside_a_drive_at_rest_holds_as_beside_the_ground(to: Any, formulation: str) -> None:
+    """It holds while the loads do less work than the levels on its weakest motion: 4.5 t < 9, so until 2 s.
+
+    That motion: m1 by -1, all others by -1/2. The loads do (-3 + 3 t + 3 + 6 t - 3 t + 3 t) / 2, the contacts
+    at their levels 1.5 + 4 + 1.5 + 2.
+    """
+
+    def contact(name: str, a: str, b: Any, static: float, coulomb: float, radius: float = 1.0) -> Contact:
+        return Contact(name, a, b, DryFriction(static, coulomb), normal=1.0, radius_a=radius)
+
+    scene = Scene(
+        *([Drive("belt", velocity=0.0)] if to == "belt" else []),
+        *(Body(f"m{k}", inertia=1.0) for k in range(5)),
+        contact("a", "m2", "m4", 2.0, 2.0),
+        contact("b", "m1", "m2", 3.0, 3.0),
+        contact("c", "m1", to, 4.0, 4.0),
+        contact("d", "m1", "m2", 3.0, 3.0),
+        OneWay("freewheel", "m3", "m4"),
+        contact("e", "m3", "m1", 4.0, 4.0, radius=2.0),
+        contact("f", "m0", to, 4.0, 2.0),
+        Stop("stop", "m0", "m2", upper=0.0),
+        Force("m0", piecewise_linear([0.0, 3.0], [3.0, -6.0])),
+        Force("m1", piecewise_linear([0.0, 3.0], [-1.5, -10.5])),
+        Force("m2", piecewise_linear([0.0, 3.0], [0.0, 9.0])),
+        Force("m4", piecewise_linear([0.0, 3.0], [0.0, -9.0])),
+    )
+    result = simulate(scene, (0.0, 2.4), formulation=formulation)
+    assert told(result)[0][0] in "bcdf" and result.events[0].t == pytest.approx(2.0, abs=1e-5)
+    assert np.abs(result.sample(np.linspace(0.0, 1.999, 50)).velocity("m1")).max() < 1e-9
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_knot_whose_limits_meet_but_for_roundoff(formulation: str) -> None:
+    """Two stops, nine contacts and five bodies: what holds and what moves differ by roundoff as they let go.
+
+    If all bodies move by -1, the loads do 3 + 12 t, and c4, c7 and c8 at their levels 3 + 6 + 2: until 2/3 s.
+    """
+
+    def contact(name: str, a: str, b: Any, static: float, coulomb: float, **radii: float) -> Contact:
+        return Contact(name, a, b, DryFriction(static, coulomb), normal=1.0, **radii)
+
+    scene = Scene(
+        Body("b0", inertia=1.75),
+        Body("b1", inertia=4.0),
+        Body("b2", inertia=1.75),
+        Body("b3", inertia=2.5),
+        Body("b4", inertia=1.75),
+        contact("c0", "b3", "b4", 6.0, 0.6),
+        contact("c1", "b4", "b2", 3.0, 2.4),
+        Stop("c2", "b0", GROUND, upper=0.0),
+        contact("c3", "b3", "b1", 4.0, 0.4),
+        contact("c4", "b1", GROUND, 3.0, 0.9),
+        Stop("c5", "b2", GROUND, upper=0.0),
+        contact("c6", "b1", "b0", 4.0, 1.2),
+        contact("c7", "b1", "b2", 6.0, 6.0, radius_b=2.0),
+        contact("c8", "b4", "b3", 4.0, 1.2, radius_a=0.5),
+        contact("c9", "b4", "b0", 2.0, 1.6),
+        contact("c10", "b3", "b2", 4.0, 4.0),
+        *(Force(f"b{k}", piecewise_linear([0.0, 10.0], [p, p - 30.0])) for k, p in ((0, 3.0), (1, 3.0), (2, -3.0))),
+        Force("b3", -3.0),
+        Force("b4", piecewise_linear([0.0, 10.0], [-3.0, -33.0])),
+    )
+    result = simulate(scene, (0.0, 1.5), formulation=formulation)
+    assert result.events[0].t == pytest.approx(2 / 3, abs=1e-5)
