@@ -1208,6 +1208,22 @@ def test_a_dwell_that_begins_later_to_both_sides_has_no_derivative() -> None:
     assert sensitivities(belt(0.0), span, ["b.velocity"]).events[0] == pytest.approx([-75.0], abs=1e-9)
 
 
+@pytest.mark.parametrize("slope", [0.1, -0.02])
+def test_friction_of_a_function_has_its_slope_at_rest(slope: float) -> None:
+    """m v' = -(0.02 + k v): at rest where the exponential of k t / m is 1 + 50 k v_0; dt/dv_0 = m / (0.02 + k v_0).
+
+    The last step ends at a speed that is roundoff.
+    """
+    law = DryFriction(0.3, 0.3, kinetic=lambda speed: 0.3 + slope * speed)
+    for speed in (0.05, 0.06, 0.07, 0.4):
+        scene = Scene(
+            Body("m", inertia=1.0, velocity=speed), Contact("c", "m", GROUND, law, normal=1.0), Force("m", 0.28)
+        )
+        found = sensitivities(scene, (0.0, 60.0), ["m.velocity", "m.inertia"])
+        exact = [1.0 / (0.02 + slope * speed), math.log1p(50.0 * slope * speed) / slope]
+        assert found.events[0] == pytest.approx(exact, rel=1e-8)
+
+
 def test_relaxation_has_no_time() -> None:
     law = DryFriction(0.2, 0.0, kinetic=lambda v: 0.1 * v)
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, law, normal=10.0))

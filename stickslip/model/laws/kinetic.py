@@ -125,7 +125,7 @@ def _limited_slope(kinetic: Callable[[float], float], speed: float) -> float:
 def _true_slope(kinetic: Callable[[float], float], speed: float) -> float:
     """Return the slope of a function, also within the step of the limited one."""
     h = 1e-6 * max(speed, 1e-3)
-    return slope_by_differences(kinetic, speed, *((-min(h, speed), 2 * h) if speed else (h, 2 * h)))
+    return slope_by_differences(kinetic, speed, -h if speed > h else h, 2 * h)
 
 
 class Slipping(Kernel):
