@@ -21,7 +21,7 @@ from stickslip.events.impact import Jammed, Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Search
 from stickslip.events.situation import Inconsistent, Situation, Uncertainty
-from stickslip.model.arrays import Array, Mask, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _OF_PHASE = 1e-3  # a sine that is 0 has the roundoff of its phase: that of this part of its amplitude
 
@@ -173,19 +173,24 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     if system.dependence is not None:
         # a normal force whose terms cancel is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
-    tried, as_it_is = list[bytes](), False
+    tried, as_it_is, by_value = list[bytes](), False, False
     while True:
         try:
             found = _settled(system, segment, now, uncertainty, q, closed)
         except Inconsistent as fault:
-            now = _moving_on(system, segment, now, q, fault)
+            if (moving := _moving_on(system, segment, now, q, fault.rows)) is None:
+                raise
+            now = moving
             continue
         wrong = found.guards.misjudged
         # after a first try, normal forces that at once pass 0 to the right side are wrong by roundoff only
-        if as_it_is or not wrong.size or (tried and found.guards.soon_right(wrong)):
+        soon_right = bool(tried) and found.guards.soon_right(wrong)
+        if as_it_is or not wrong.size or soon_right or (by_value and found.guards.right_now(wrong)):
             if (rows := pressed_together(found.motion)).size:
                 raise Jammed(rows)
             return found
+        if by_value:
+            raise Inconsistent(wrong)
         # the motion tells the signs of the normal forces that depend on it: rows that are wrong open or close
         tried.append(closed.tobytes())
         closed = closed.copy()
@@ -193,22 +198,23 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         if (again := tried.count(closed.tobytes())) and system.free[wrong].all():
             # laws that never stick give no force where the normal force is 0: rows that only touch that stay closed
             closed[wrong] = as_it_is = True
-        elif again > 1:
-            now = _moving_on(system, segment, now, q, Inconsistent(wrong))
+        elif again > 1 and (moving := _moving_on(system, segment, now, q, wrong)) is not None:
+            now = moving
             tried.clear()
+        elif again > 1:
+            # these are so near to 0 that how they change decided: what they are now decides
+            closed[wrong], by_value = q[wrong] > 0, True
 
 
-def _moving_on(system: System, segment: Segment, now: Situation, q: Array, fault: Inconsistent) -> Situation:
-    """Return the situation without rows that count as at rest, but move by more than roundoff; raise if there is none.
+def _moving_on(system: System, segment: Segment, now: Situation, q: Array, rows: Indices) -> Situation | None:
+    """Return the situation without rows that count as at rest, but move by more than roundoff; None if there are none.
 
     Where a motion dies away together with a normal force, such a velocity tells whether a row opens or closes: that of
-    the row itself, or of one that bodies join to it.
+    one of the `rows`, or of one that bodies join to it.
     """
     w, rough = _relative(system, segment, now.y, now.was, now.t, q)
-    moves = np.isin(system.part_of_row, system.part_of_row[fault.rows]) & now.touching & (np.abs(w) > rough)
-    if not moves.any():
-        raise fault
-    return now._replace(touching=now.touching & ~moves)
+    moves = np.isin(system.part_of_row, system.part_of_row[rows]) & now.touching & (np.abs(w) > rough)
+    return now._replace(touching=now.touching & ~moves) if moves.any() else None
 
 
 def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:

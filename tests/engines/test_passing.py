@@ -23,6 +23,7 @@ from stickslip import (
     Scene,
     Spring,
     Stop,
+    Tie,
     feedback,
     piecewise_linear,
     position,
@@ -487,3 +488,31 @@ def test_what_leaves_its_limit_hides_no_other(options: dict[str, Any]) -> None:
     assert [event.t for event in found.events] == pytest.approx([event.t for event in exact.events], abs=1e-7)
     times = np.linspace(0.0, 3.0, 61)
     np.testing.assert_allclose(found(times), exact(times), atol=1e-7)
+
+
+@pytest.mark.parametrize("force", [33.5, 37.0, 40.0, 42.5])
+def test_a_run_may_end_within_roundoff_of_a_reversal(force: float) -> None:
+    """What is left of the run is shorter than a brake of a Ravigneaux set takes to leave rest by more than roundoff."""
+    scene = Scene(
+        Body("in", inertia=0.22, velocity=82.0),
+        *(Body(name, inertia=m) for name, m in (("s1", 0.0125), ("s2", 0.008), ("c", 0.0155), ("r", 2.6))),
+        Tie("t1", {"s1": 1.0, "r": 1.44, "c": -2.44}),
+        Tie("t2", {"s2": 1.0, "r": -3.54, "c": 2.54}),
+        Contact("k1", "in", "s2", DryFriction(0.0585, 0.0585), normal=1776.0),
+        Contact(
+            "k2",
+            "in",
+            "c",
+            DryFriction(0.0575, 0.0575, stribeck_velocity=3.75),
+            normal=piecewise_linear([0.0225, 0.261], [470.0, 3394.0]),
+        ),
+        Contact("k3", "s1", GROUND, DryFriction(0.0235, 0.0188), normal=3034.0),
+        OneWay("F1", GROUND, "c"),
+        Force("in", force),
+        Damper("r", GROUND, damping=0.81),
+        Contact("load", "r", GROUND, DryFriction(20.0, 20.0), normal=0.854),
+    )
+    (reversal,) = (event.t for event in simulate(scene, (0.0, 0.15)).events if event.cause == "reversal")
+    for places in (*range(-3, 4), -20, 20, -400, 400):
+        end = simulate(scene, (0.0, reversal + places * math.ulp(reversal)))
+        assert end.velocity("s1")[-1] == pytest.approx(0.0, abs=1e-6)

@@ -54,14 +54,14 @@ class GuardsAlong:
         if with_leeway:
             found += guards.leeway[rows, None]
         if guards.any_roundoff_until >= 0:
-            # up to this time the sign of a guard that leaves 0 is roundoff
-            found[:, taus <= guards.any_roundoff_until] = np.inf
+            # up to these times the signs of guards that leave 0 are roundoff
+            found[taus <= guards.each_roundoff_until[rows, None]] = np.inf
         return found
 
     def root(self, row: int, step: int, right: float, with_leeway: bool) -> float:
         """Return where in a step a guard falls through 0: at its start it is not negative, and at `right` it is."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
-        if self.are_exact[row] and left > self.guards.any_roundoff_until:
+        if self.are_exact[row] and left > self.guards.each_roundoff_until[row]:
             coefficients = self._coefficients[row, step].tolist()
             coefficients[0] += float(self.guards.leeway[row]) if with_leeway else 0.0
 

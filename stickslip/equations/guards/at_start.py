@@ -233,9 +233,12 @@ class GuardsAtStart(GuardValues):
 
     def soon_right(self, rows: Indices) -> bool:
         """Tell whether rows are misjudged at the start only: their normal forces at once pass 0 to the right side."""
-        some = self.is_normal & np.isin(self.row, rows)
-        value, rate = self.first[0, some], self.first[1, some]
+        value, rate = self.first[:2, self.is_normal & np.isin(self.row, rows)]
         return bool(((rate > 0) & (-value <= _AT_ONCE * rate * self.motion.horizon)).all())
+
+    def right_now(self, rows: Indices) -> bool:
+        """Tell whether rows are misjudged only just after the start: now their normal forces have the right sign."""
+        return bool((self.first[0, self.is_normal & np.isin(self.row, rows)] >= 0).all())
 
     @property
     def stays_zero(self) -> Indices:
