@@ -285,3 +285,41 @@ def test_wheels_whose_slip_presses_their_tyres_roll_between_pulses(
     for body in ("car", "wheel 0", "wheel 1"):
         assert result.sample(times).velocity(body) == pytest.approx(exact.sample(times).velocity(body), abs=5e-5)
     assert result.stats["steps"] < 1000
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("power", [2, 3, 4, 6])
+def test_a_normal_force_that_leaves_0_slowly(power: int, options: dict[str, Any]) -> None:
+    """N = x^p with x = 2 t^3 / 3: a block that slips at 1 m/s loses mu (2/3)^p t^(3 p + 1) / (3 p + 1)."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Force("m", piecewise_linear([0.0, 10.0], [0.0, 40.0])),
+        Body("o", inertia=1.0, velocity=1.0),
+        Contact("c", "o", GROUND, DryFriction(0.5, 0.5), normal=feedback(lambda x: x**power, position("m"))),
+    )
+    result = simulate(scene, (0.0, 0.8), **options)
+    lost = 0.5 * (2 / 3) ** power * 0.8 ** (3 * power + 1) / (3 * power + 1)
+    assert result.velocity("o")[-1] == pytest.approx(1.0 - lost, abs=2e-6)
+    assert (result.mode("c") == 1).all() and not result.events
+    assert result.stats["restarts"] < 5
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}])
+def test_one_that_leaves_0_as_its_own_body_breaks_away(options: dict[str, Any]) -> None:
+    """0.5 x'' = 4 t - 1 - 2.5 x^2 from 0.25 s on."""
+    one = Contact("own", "m", GROUND, DryFriction(1.0, 1.0), normal=1.0)
+    square = feedback(lambda x: 5.0 * x * x, position("m"))
+    scene = Scene(
+        Body("m", inertia=0.5),
+        Force("m", piecewise_linear([0.0, 1.0], [0.0, 4.0])),
+        one,
+        Contact("square", "m", GROUND, DryFriction(0.5, 0.5), normal=square),
+    )
+    result = simulate(scene, (0.0, 0.5), **options)
+
+    def rate(t: float, y: Array) -> list[float]:
+        return [y[1], 8.0 * t - 2.0 - 5.0 * y[0] ** 2]
+
+    answer = solve_ivp(rate, (0.25, 0.5), [0.0, 0.0], rtol=1e-10, atol=1e-12)
+    assert result.velocity("m")[-1] == pytest.approx(answer.y[1, -1], abs=1e-6)
+    assert result.events[0].t == pytest.approx(0.25, abs=1e-9)

@@ -541,3 +541,32 @@ def test_many_tables_are_as_each_alone(count: int, way: dict[str, Any]) -> None:
         assert np.abs(together.sample(t).position(name) - alone.sample(t).position(name)).max() < rough
         assert len(of_both[0]) == 3  # it turns, turns again, and sticks: that corners are left is no event
     assert np.abs(together.position("b0") - together.position("b1")).max() < 1e-14
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF", "Adams"])
+def test_a_wheel_that_rolls_freely_beside_others_that_slip(method: Any) -> None:
+    """Three tyres whose friction is a table of their own slip move as three forces that are odd tables of it.
+
+    The slip of the free wheel leaves 0 as the square of time, and its sign is roundoff as the others begin to slip.
+    """
+    tyres = [
+        (0.30008448022908063, 4358.6, 0.2015, 1318.3, 6.75, 0.4025, 0.0),
+        (0.35103107181933824, 4105.5, 2.977, 4128.1, 8.7, 1.384, -1290.4080422146003),
+        (0.3947749655690612, 505.86, 0.4245, 411.27, 9.88, 0.449, 156.99),
+    ]
+    for k in (0, 3, 10):
+        speed = 17.261227220800222 * (1 + 1e-3 * k)
+        contacts: list[Any] = [Body("car", inertia=298.6, velocity=speed)]
+        forces = contacts.copy()
+        for i, (radius, peak, at_peak, far, at_far, inertia, torque) in enumerate(tyres):
+            wheel, places = f"w{i}", [-at_far, -at_peak, 0.0, at_peak, at_far]
+            both = [Body(wheel, inertia=inertia, velocity=speed / radius), Force(wheel, torque)]
+            normal = table(relative_velocity(f"t{i}"), places, [far, peak, 0.0, peak, far])
+            contacts += [*both, Contact(f"t{i}", "car", wheel, DryFriction(1.0, 1.0), radius_b=radius, normal=normal)]
+            slip = velocity("car") - radius * velocity(wheel)
+            push = table(slip, places, [-far, -peak, 0.0, peak, far])
+            forces += [*both, Force("car", -push), Force(wheel, radius * push)]
+        ends = [simulate(Scene(*some), (0.0, 0.5), method=method) for some in (contacts, forces)]
+        for body in ("car", "w0", "w1", "w2"):
+            found, exact = (end.velocity(body)[-1] for end in ends)
+            assert found == pytest.approx(exact, rel=1e-5)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from stickslip import (
@@ -50,6 +50,7 @@ from stickslip import (
     velocity,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
+from stickslip.model.arrays import Array
 from stickslip.studies.derivatives.sensitivities import Sensitivities
 from stickslip.studies.parameters import named_parameters
 
@@ -1222,6 +1223,63 @@ def test_friction_of_a_function_has_its_slope_at_rest(slope: float) -> None:
         found = sensitivities(scene, (0.0, 60.0), ["m.velocity", "m.inertia"])
         exact = [1.0 / (0.02 + slope * speed), math.log1p(50.0 * slope * speed) / slope]
         assert found.events[0] == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.parametrize(("bend", "exponent"), [(1e-4, 0.5), (1e-3, 0.5), (1e-2, 0.5), (1e-3, 0.6), (1e-2, 0.8)])
+def test_a_stop_where_friction_is_vertical_at_rest(bend: float, exponent: float) -> None:
+    """m w' = F - mu(w): a motion from 1 m/s takes the integral of m / (mu - F), and dt/dw_0 = m / (mu(w_0) - F).
+
+    dt/dm = t / m, and F lengthens it by the integral of m / (mu - F)^2; w = s^4 in both.
+    """
+    law = DryFriction(0.5, 0.4, stribeck_velocity=bend, stribeck_exponent=exponent)
+    scene = Scene(
+        Drive("belt", velocity=0.3),
+        Body("m", inertia=2.0, velocity=1.3),
+        Contact("c", "m", "belt", law, normal=1.0),
+        Force("m", 0.35),
+    )
+
+    def pull(speed: float) -> float:
+        return 0.05 + 0.1 * math.exp(-((speed / bend) ** exponent))
+
+    def lasts(power: int) -> float:
+        points = [0.1 * bend**0.25, bend**0.25, 2.0 * bend**0.25]
+        return quad(lambda s: 8 * s**3 / pull(s**4) ** power, 0.0, 1.0, epsrel=1e-11, limit=500, points=points)[0]
+
+    names = ["m.velocity", "belt.velocity", "m.inertia", "forces[0].signal.value"]
+    found = sensitivities(scene, (0.0, 50.0), names)
+    exact = [2.0 / pull(1.0), -2.0 / pull(1.0), lasts(1) / 2.0, lasts(2)]
+    assert found.events[0] == pytest.approx(exact, rel=1e-6)
+    assert not found.reasons
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e-3, 1e-2])
+def test_a_function_whose_exponent_is_a_half_has_derivatives(scale: float) -> None:
+    """From 0.75 s on m v' = a F - mu(v), with mu = 0.4 + 0.1 exp(-(v / scale)^(1/2)); by differences of own solutions.
+
+    In the square root of the time since then they are smooth.
+    """
+    law = DryFriction(0.6, 0.5, kinetic=lambda speed: 0.4 + 0.1 * math.exp(-math.sqrt(speed / scale)))
+    load = piecewise_linear([0.0, 1.0, 2.0], [0.0, 0.8, 0.8])
+    scene = Scene(Body("m", inertia=1.0), Contact("c", "m", GROUND, law, normal=1.0), Force("m", load))
+    found = sensitivities(scene, (0.0, 2.0), ["forces[0].signal.scale"])
+    assert not found.reasons
+
+    def final(a: float) -> float:
+        start = 0.75 / a
+
+        def rate(root: float, y: Array) -> list[float]:
+            t = start + root**2
+            friction = 0.4 + 0.1 * math.exp(-math.sqrt(max(y[0], 0.0) / scale))
+            return [2.0 * root * (a * 0.8 * min(t, 1.0) - friction)]
+
+        return float(
+            solve_ivp(rate, (0.0, math.sqrt(2.0 - start)), [0.0], rtol=1e-12, atol=1e-16, max_step=0.01).y[0, -1]
+        )
+
+    h = 1e-4
+    slope = (final(1.0 + h) - final(1.0 - h)) / (2 * h)
+    assert found.velocity("m")[0] == pytest.approx(slope, rel=1e-6)
 
 
 def test_relaxation_has_no_time() -> None:

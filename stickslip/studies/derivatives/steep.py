@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,12 +15,14 @@ from stickslip.model.arrays import Array, Indices
 from stickslip.studies.derivatives.radau import radau
 
 # Slopes of friction are compared at these parts of the velocity within which it bends.
-_NEAR, _NEARER = 1e-5, 1e-8
+_NEAR = 1e-5, 1e-8, 1e-11
 
 _STEEPER = 1.5  # a slope that grows by more than this factor from the first to the second has no bound
-_LOST = 1.05 * (_NEAR / _NEARER) ** 0.5  # and one by more than this factor grows faster than ``w^(-1/2)``
+# and one that grows by more than this factor from the second to the third grows faster than ``w^(-1/2)``
+_LOST = 1.05 * (_NEAR[1] / _NEAR[2]) ** 0.5
 _CROWD = 4.0 ** -np.arange(2.0, 21.0)[::-1]  # further ends of steps beside an end, as parts of the motion
 _AT_REST = 1e-8  # part of the speeds below which a relative velocity counts as 0 at an end
+_ARRIVES = 0.1  # part of the velocity before the last step below which a row comes to rest in it
 _BEGUN = 12  # the place in `_CROWD` of the last end of a step near which a motion has only just begun
 
 # How often relative velocities are integrated at most, each time with the friction of the last ones: errors shrink as
@@ -45,12 +48,14 @@ class SteepPath:
     relative accelerations: differences of velocities would have no correct digits. The path `is_lost` if it begins from
     rest with friction so steep that the start does not determine the motion: ``w' = c w^d`` has solutions that leave 0
     at any time, and for d below 1/2 they grow faster than any motion that other forces cause. It has only just begun
-    up to `begun_until`, 0 if it does not begin so.
+    up to `begun_until`, 0 if it does not begin so. In its last step such friction brings the row `stopping` to rest, -1
+    for none.
     """
 
     def __init__(self, motion: Motion, path: Path, speed: float, bend: float) -> None:
         self.taus, self._motion, self._path, self._speed = path.taus, motion, path, speed
         self.is_lost, self._rows, self.begun_until = False, np.empty(0, dtype=np.intp), 0.0
+        self.stopping = -1
         rows, growth = self._steep_rows(min(bend, speed))
         if not rows.size:
             return
@@ -60,6 +65,9 @@ class SteepPath:
         crowd = path.taus[-1] * _CROWD
         if stops.any():
             self.taus = np.union1d(self.taus, path.taus[-1] - crowd)
+            w = np.abs(self._relative(self.taus[-2:], motion.exact(self.taus[-2:], path.at(self.taus[-2:]).T))[rows])
+            if stops.sum() == 1 and w[stops, 1] <= _ARRIVES * w[stops, 0]:
+                self.stopping = int(rows[stops][0])
         if begins.any():
             self.taus = np.union1d(self.taus[self.taus >= crowd[0]], np.append(0.0, crowd))
             self.is_lost, self._rows = bool((growth[begins] > _LOST).any()), rows[begins]
@@ -77,20 +85,25 @@ class SteepPath:
         y[:, some] = self._moved(taus[some], y[:, some], values(velocities, i, s, False).T)
         return y
 
+    def at_rest(self) -> Array:
+        """Return the state at the end, with the row `stopping` at rest: roundoff of its velocity would show."""
+        y, row = self.at(self.taus[-1:]), np.array([self.stopping])
+        return np.asarray(y - least_change(self._motion.equations, row, self._relative(self.taus[-1:], y)[row]))[:, 0]
+
     def _steep_rows(self, bend: float) -> tuple[Indices, Array]:
-        """Return the rows whose friction has an unbounded slope at rest, and by what factor it grows near there."""
+        """Return the rows whose friction has an unbounded slope at rest, and by what factor it grows nearest to it."""
         equations = self._motion.equations
         rows = equations.velocity_dependent
         if not rows.size or equations.bristle_places.size:
             return rows[:0], np.empty(0)
         sign, none = equations.modes[rows].astype(float), np.zeros(rows.size)
         z, slopes = np.empty((0, rows.size)), []
-        for part in (_NEAR, _NEARER):
+        for part in _NEAR:
             w = sign * part * bend
             slopes.append(np.abs(equations.law.slopes(w, none + 1.0, none, z) + equations.law.slope_cut(w, none + 1.0)))
-        growth = slopes[1] / np.where(slopes[0] > 0, slopes[0], np.inf)
-        is_steep = growth > _STEEPER
-        return rows[is_steep], growth[is_steep]
+        growth = [after / np.where(before > 0, before, np.inf) for before, after in pairwise(slopes)]
+        is_steep = growth[0] > _STEEPER
+        return rows[is_steep], growth[1][is_steep]
 
     def _relative(self, taus: Array, y: Array) -> Array:
         return self._motion.system.relative_velocity(y, self._motion.loads(taus))

@@ -119,6 +119,8 @@ def _collocated(
     if begun_until:
         turns = np.union1d(turns, begun_until)
         S = S + np.outer(motion.rate(0.0, motion.y), begin)
+    if path.stopping >= 0:
+        turns = np.union1d(turns, steps[-2])
     stops = np.append(np.searchsorted(steps, turns), steps.size - 1)
     ends, found = [0.0], []
     first, last, joined = 0, steps.size - 1, _JOINED
@@ -136,7 +138,11 @@ def _collocated(
         roughest = 0.0
         for i, end in enumerate(edges[1:].tolist()):
             at = slice(i * nodes.size, (i + 1) * nodes.size)
-            c, following = _collocation(motion, float(lengths[i]), taus[at], y[:, at], forcing[i], S)
+            if end == last and path.stopping >= 0:
+                c = _to_rest(nearby, motion, path, since, float(begins[i]), S)
+                following = c.sum(axis=0)
+            else:
+                c, following = _collocation(motion, float(lengths[i]), taus[at], y[:, at], forcing[i], S)
             rough = _roughness(c)
             roughest = max(roughest, rough)
             if rough > 1.0 and end - first > 1:
@@ -214,6 +220,25 @@ def _collocation(motion: Motion, h: float, taus: Array, y: Array, forcing: Array
     stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(y.size, -1))
     stage = stage.reshape(right.shape) + 0 * right
     return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
+
+
+def _to_rest(nearby: Nearby, motion: Motion, path: SteepPath, since: Array, tau: float, S: Array) -> Array:
+    """Return the coefficients of S in the last step, from `tau` on, in which vertical friction brings a row to rest.
+
+    The step is so short that nothing but this friction changes. It depends on w alone, and so do S and the rates:
+    ``S_end = S + (y'_end - y') dw / w'``, where dw is the derivative of w at `tau`.
+    """
+    row = np.array([path.stopping])
+
+    def velocity(own: Motion, taus: Array, states: Array) -> Array:
+        return np.asarray(own.system.relative_velocity(states, own.loads(taus))[row])
+
+    y = path.at(np.array([tau]))[:, 0]
+    change = motion.rate(float(path.taus[-1]), path.at_rest()) - motion.rate(tau, y)
+    of_w = nearby.slopes_at(velocity, motion, since, tau, y, S, is_linear=True)[0]
+    c = np.zeros((STAGES + 1, *S.shape))
+    c[0], c[1] = S, np.outer(change / motion.relative_accelerations(tau, y)[row], of_w)
+    return c
 
 
 def _roughness(c: Array) -> float:
