@@ -12,6 +12,8 @@ from stickslip.studies.derivatives.variations import Variation
 # Steps are halved until that changes an integral by less than the first part of it, plus the second part of the
 # integral of the quantity itself; at most so often.
 _QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
+_SHRINKS = 0.7  # part of itself to which an error falls if steps are halved, or less, even where functions have kinks
+_TINY = np.finfo(float).tiny
 
 
 def integral(variation: Variation, quantity: OfMotion, times: Array) -> Array:
@@ -37,17 +39,22 @@ def integral(variation: Variation, quantity: OfMotion, times: Array) -> Array:
         limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
         sums = _sums(variation, quantity, number, edges)
         rough = _ROUGH * np.abs(limits).max(initial=0.0) * piece.end / variation.sizes
+        least = np.inf
         for _ in range(_REFINED):
             if edges.size < 2:
                 break
             middles = 0.5 * (edges[1:] + edges[:-1])
             edges = np.insert(edges, np.arange(1, edges.size), middles)
             finer = _sums(variation, quantity, number, edges)
-            off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=(0, 1))
-            sums = finer
             # measured by the largest line: one that hardly changes is roundoff of others, and of the quantity itself
-            if not np.any(off > _QUADRATURE * size + rough):
+            allowed = _QUADRATURE * np.abs(finer).max(axis=(0, 1)) + rough
+            changes = np.abs(finer[:, ::2] - sums) / np.maximum(allowed, _TINY)
+            off = float(np.nan_to_num(changes, posinf=np.inf).max(initial=0.0))
+            sums = finer
+            # what does not become smaller is roundoff of differences
+            if off <= 1.0 or off > _SHRINKS * least:
                 break
+            least = off
         sums += total - limits[:, :1] * varied.begin_change
         parts.append(sums[:, np.searchsorted(edges, wanted)])
         total = sums[:, -1:] + limits[:, 1:] * varied.end_change
