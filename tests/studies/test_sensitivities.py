@@ -41,6 +41,7 @@ from stickslip import (
     piecewise_linear,
     position,
     power,
+    relative_velocity,
     saturate,
     sensitivities,
     simulate,
@@ -1280,6 +1281,34 @@ def test_a_function_whose_exponent_is_a_half_has_derivatives(scale: float) -> No
     h = 1e-4
     slope = (final(1.0 + h) - final(1.0 - h)) / (2 * h)
     assert found.velocity("m")[0] == pytest.approx(slope, rel=1e-6)
+
+
+def test_a_function_with_a_corner_where_a_contact_rests_is_not_crossed() -> None:
+    """Friction of 1 N / (1 + 3 |w|): a function of |w| has the derivatives of a smooth one on the side of slip.
+
+    The speed of the belt changes w: near by, at the same velocity of the block, |w| would be on the other side.
+    """
+
+    def by_belt(normal: Any, law: DryFriction) -> float:
+        scene = Scene(
+            Drive("belt", velocity=0.2),
+            Body("b", inertia=1.0, velocity=0.2),
+            Spring("b", GROUND, stiffness=1.0),
+            Contact("c", "b", "belt", law, normal=normal),
+        )
+        return float(sensitivities(scene, (0.0, 8.0), ["belt.velocity"]).velocity("b")[0])
+
+    one, w = DryFriction(1.0, 1.0), relative_velocity("c")
+    exact = by_belt(1.0, DryFriction(1.0, 1.0, kinetic=lambda speed: 1 / (1 + 3 * speed)))
+    assert exact == pytest.approx(5.14726233, rel=1e-8)
+    assert by_belt(feedback(lambda w: 1 / (1 - 3 * w), w), one) == pytest.approx(exact, rel=1e-8)
+    assert by_belt(feedback(lambda w: 1 / (1 + 3 * abs(w)), w), one) == pytest.approx(exact, rel=1e-6)
+    given = feedback(
+        lambda w: 1 / (1 + 3 * abs(w)),
+        w,
+        derivatives=lambda w: (3.0 if w <= 0 else -3.0) / (1 + 3 * abs(w)) ** 2,
+    )
+    assert by_belt(given, one) == pytest.approx(exact, rel=1e-8)
 
 
 def test_relaxation_has_no_time() -> None:

@@ -122,6 +122,8 @@ class Reader:
         self._known: dict[Quantity, Form] = {}
         self.signals: list[Signal] = []
         self.nodes: list[Node] = []
+        self.velocities_read: set[int] = set()
+        """The rows whose relative velocities are read."""
 
     def form(self, load: Load, label: str) -> Form:
         """Return a quantity or a signal as a linear form; `label` is the element that reads it."""
@@ -149,6 +151,7 @@ class Reader:
             case of.Position(body=body):
                 return self._position(book.index[body])
             case of.RelativeVelocity(row=row):
+                self.velocities_read.add(self._row_of[row])
                 return self._along(row, self._velocity)
             case of.Stretch(row=row):
                 return self._along(row, self._position)

@@ -206,12 +206,13 @@ class Nearby:
     def forcing(self, motion: Motion, since: Array, taus: Array, y: Array) -> Array:
         """Return the derivatives of the rates at fixed times and states, (size, k, directions).
 
-        Near relative velocity 0 friction laws bend, or change their sign. So if scenes near by have other relative
-        velocities there, their states are moved until these are the same, and the effect of this shift on the rates is
-        subtracted.
+        Near relative velocity 0 friction laws bend, or change their sign, and so may functions of it. So if scenes near
+        by have other relative velocities there, their states are moved until these are the same, and the effect of this
+        shift on the rates is subtracted.
         """
         found = self.slopes(Motion.rate, motion, since, taus, y, np.zeros((*y.shape, self.count)))
-        rows = motion.equations.velocity_dependent
+        read = np.array(sorted(self.system.reader.velocities_read), dtype=np.intp)
+        rows = np.union1d(motion.equations.velocity_dependent, read[~motion.equations.is_held[read]])
         if not rows.size:
             return found
         w = self.system.relative_velocity(y, motion.loads(taus))[rows]
