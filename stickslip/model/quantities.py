@@ -390,7 +390,8 @@ def feedback(
     ----------
     function : callable
         Called with one number per quantity; returns a finite number. It should be smooth: where it bends, use
-        `saturate` or `table`.
+        `saturate` or `table`. Give friction that falls vertically from rest, such as ``exp(-sqrt(w))``, as ``kinetic=``
+        of the law: only there is a contact that leaves rest along it followed closely.
     *quantities : Quantity, Signal or float
         Its arguments.
     derivatives : callable or sequence of callable, optional
