@@ -13,12 +13,10 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import dense
-from stickslip.equations.balance import component_numbers
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask
 
-_LARGE = 500  # rows beside a loop whose forces are not computed any more
 _SOME = 1e-9  # part of the majorant, or of the largest, below which a force or a rate is roundoff
 
 
@@ -38,7 +36,6 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
     # the forces of the rows without the part that drives add by moving apart
     forces = motion.start.z[0, system.m : system.m + held.size]
     forces = forces - balance.parting @ system.drive_accelerations(motion.start.q[0])
-    component = component_numbers(system.G[held])
     for number in np.unique(balance.loop[torn]).tolist():
         own = balance.loop == number
         rows = held[own]
@@ -47,7 +44,6 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
         G = G[:, bodies]
         # the other forces on the bodies of the loop: what its rows hold, and what accelerates the bodies
         push = G.T @ forces[own] + system.inertia[bodies] * motion.start.y[1, bodies]
-        push -= _of_inertia(motion, held[~own & (component == component[own][0])], bodies)
         if rows.size - np.linalg.matrix_rank(G) > 1:
             found_there = _weakest(rows, G, D @ rate, push, limits)
         else:
@@ -75,20 +71,6 @@ def _torn(motion: Motion) -> tuple[Mask, Array] | None:
         if torn.any():
             return np.asarray(torn), rate
     return None
-
-
-def _of_inertia(motion: Motion, rows: Indices, bodies: Indices) -> Array:
-    """Return the forces on some bodies by the inertia of others, which the `rows` hold to them; 0 if these are many.
-
-    Accelerations while all rows are held say nothing: rows give way before drives have moved apart.
-    """
-    system, found = motion.system, np.zeros(bodies.size)
-    if 0 < rows.size <= _LARGE:
-        G = dense(system.G[rows])
-        others = np.setdiff1d(np.flatnonzero(np.abs(G).any(axis=0)), bodies)
-        carried = system.inertia[others] * motion.start.y[1, others]
-        found = G[:, bodies].T @ np.linalg.lstsq(G[:, others].T, carried, rcond=None)[0]
-    return found
 
 
 def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:

@@ -35,7 +35,6 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has come to 0
     crossed: Indices  # borders of regions that have been reached
-    pressed: Mask  # (m,): open rows whose normal force has come to 0
 
 
 class EndState(NamedTuple):
@@ -114,7 +113,7 @@ def _die_away(motion: Motion, guards: Guards, path: Path, values: Array, some: M
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
-    touching, fired, pressed = np.zeros((3, m), dtype=bool)
+    touching, fired = np.zeros((2, m), dtype=bool)
     # if the motion ends at once at a border of a table, rows that have just begun to move are at rest but for roundoff
     touching[guards.still_at_rest(float(path.taus[-1]))] = True
     if relaxed_ones:
@@ -137,9 +136,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
-        pressed[guards.row[at & guards.is_normal]] = True
-        pressed &= motion.equations.modes == OPEN
-    return AtLimit(touching, fired, crossed, pressed)
+    return AtLimit(touching, fired, crossed)
 
 
 def at_stops(

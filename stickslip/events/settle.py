@@ -173,9 +173,6 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     if system.dependence is not None:
         # a normal force whose terms cancel is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
-        if now.pressed is not None and not system.dependence.is_linear:
-            # a function that leaves 0 slowly is roundoff all the same: the end of the last motion tells its sign
-            closed |= now.pressed
     tried, as_it_is, by_value = list[bytes](), False, False
     while True:
         try:
@@ -188,10 +185,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         wrong = found.guards.misjudged
         # after a first try, normal forces that at once pass 0 to the right side are wrong by roundoff only
         soon_right = bool(tried) and found.guards.soon_right(wrong)
-        # of a function that leaves 0 slowly, differences may tell the wrong slope
-        just_pressed = now.pressed is not None and bool((now.pressed & closed & (q[: system.m] > 0))[wrong].all())
-        right_now = (by_value or just_pressed) and found.guards.right_now(wrong)
-        if as_it_is or not wrong.size or soon_right or right_now:
+        if as_it_is or not wrong.size or soon_right or (by_value and found.guards.right_now(wrong)):
             if (rows := pressed_together(found.motion)).size:
                 raise Jammed(rows)
             return found
@@ -208,12 +202,12 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
             now = moving
             tried.clear()
         elif again > 1:
-            # these are so near to 0 that how they change decided: what they are now decides
+            # their slopes gave no consistent answer: their present values decide
             closed[wrong], by_value = q[wrong] > 0, True
 
 
 def _moving_on(system: System, segment: Segment, now: Situation, q: Array, rows: Indices) -> Situation | None:
-    """Return the situation without rows that count as at rest, but move by more than roundoff; None if there are none.
+    """Return the situation without rows that count as at rest, but move by more than roundoff; None if all rest.
 
     Where a motion dies away together with a normal force, such a velocity tells whether a row opens or closes: that of
     one of the `rows`, or of one that bodies join to it.

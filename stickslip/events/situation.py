@@ -37,7 +37,6 @@ class Situation(NamedTuple):
     arrived: Mask | None = None  # (m,): open rows that come to rest by a drive, another row or a jump, None for none
     # (m,): rows that Karnopp's dead band does not stop, None for none
     moves_on: Mask | None = None
-    pressed: Mask | None = None  # (m,): open rows whose normal force has just come to 0, None for none
 
     @property
     def crossed(self) -> Mask:

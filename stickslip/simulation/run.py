@@ -363,8 +363,6 @@ class Run:
             path.touched,
             stops,
             moves_on,
-            # where loads or velocities jump, normal forces may jump, too
-            None if t >= motion.segment.stop or jump.parted.any() else at.pressed,
         )
         return situation, jump
 

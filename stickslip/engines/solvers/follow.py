@@ -100,7 +100,7 @@ class Lookout:
         ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._creeps(tau))
         if self.found or ends:
             self.end = tau, unknowns.copy()
-        # solvers pass over guards that are just 0 from the start on
+        # a solver ignores a guard that has been exactly 0 since its start, until it is something else
         return -1.0 if ends or (self.found and value == 0) else value
 
     def _creeps(self, tau: float) -> bool:

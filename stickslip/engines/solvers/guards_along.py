@@ -21,6 +21,9 @@ class GuardsAlong:
     def __init__(self, motion: Motion, guards: Guards, path: Path) -> None:
         self.motion, self.guards, self.path = motion, guards, path
         self._coefficients, self.are_exact, self.low = guards.along(path)
+        # a velocity that is beyond 0 by less than errors passes it when its own time comes; forces wait for all others
+        until = guards.each_roundoff_until
+        self._roundoff_until = np.where(guards.is_velocity, until, guards.any_roundoff_until)
 
     def falls_at_end(self, rows: Mask) -> bool:
         """Tell whether some guards certainly fall throughout the last step.
@@ -54,14 +57,14 @@ class GuardsAlong:
         if with_leeway:
             found += guards.leeway[rows, None]
         if guards.any_roundoff_until >= 0:
-            # up to these times the signs of guards that leave 0 are roundoff
-            found[taus <= guards.each_roundoff_until[rows, None]] = np.inf
+            # up to these times signs are roundoff
+            found[taus <= self._roundoff_until[rows, None]] = np.inf
         return found
 
     def root(self, row: int, step: int, right: float, with_leeway: bool) -> float:
         """Return where in a step a guard falls through 0: at its start it is not negative, and at `right` it is."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
-        if self.are_exact[row] and left > self.guards.each_roundoff_until[row]:
+        if self.are_exact[row] and left > self._roundoff_until[row]:
             coefficients = self._coefficients[row, step].tolist()
             coefficients[0] += float(self.guards.leeway[row]) if with_leeway else 0.0
 

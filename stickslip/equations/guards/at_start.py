@@ -237,7 +237,7 @@ class GuardsAtStart(GuardValues):
         return bool(((rate > 0) & (-value <= _AT_ONCE * rate * self.motion.horizon)).all())
 
     def right_now(self, rows: Indices) -> bool:
-        """Tell whether rows are misjudged only just after the start: now their normal forces have the right sign."""
+        """Tell whether the normal forces of rows have the right sign at the start, whatever they do just after it."""
         return bool((self.first[0, self.is_normal & np.isin(self.row, rows)] >= 0).all())
 
     @property

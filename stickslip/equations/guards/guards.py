@@ -141,7 +141,7 @@ class Guards(GuardsAtStart):
                     # a slope that is roundoff may bring the guard below 0 again
                     slope = FINEST_ROUNDOFF * self.majorant[1, rows]
                     settled[rows] += (slope / leads) ** (1.0 / (k - 1))
-        # at the very end of a run even all that is left of it may be roundoff
+        # the time itself has roundoff: at the very end of a run that may be all that is left
         settled = np.minimum(settled, max(1e-3 * self.motion.horizon, ROUNDOFF * abs(self.motion.t)))
         flat = np.where(
             self.is_velocity,

@@ -17,9 +17,11 @@ from stickslip.studies.derivatives.radau import radau
 # Slopes of friction are compared at these parts of the velocity within which it bends.
 _NEAR = 1e-5, 1e-8, 1e-11
 
-_STEEPER = 1.5  # a slope that grows by more than this factor from the first to the second has no bound
-# and one that grows by more than this factor from the second to the third grows faster than ``w^(-1/2)``
-_LOST = 1.05 * (_NEAR[1] / _NEAR[2]) ** 0.5
+# A slope has no bound if it grows by more than the first factor from the first part to the second. It grows faster than
+# ``w^(-1/2)`` if by more than the second factor from the second part to the third: nearest to rest, where the curve far
+# from it does not count.
+_STEEPER, _LOST = 1.5, 1.05 * (_NEAR[1] / _NEAR[2]) ** 0.5
+
 _CROWD = 4.0 ** -np.arange(2.0, 21.0)[::-1]  # further ends of steps beside an end, as parts of the motion
 _AT_REST = 1e-8  # part of the speeds below which a relative velocity counts as 0 at an end
 _ARRIVES = 0.1  # part of the velocity before the last step below which a row comes to rest in it
@@ -41,6 +43,15 @@ def least_change(equations: ModeEquations, rows: Indices, apart: Array) -> Array
     return np.asarray(ways @ np.linalg.lstsq(lines, apart, rcond=None)[0])
 
 
+def brought_to_rest(motion: Motion, rows: Indices, tau: float, y: Array) -> Array:
+    """Return a state with some rows at rest that have come to rest but for roundoff.
+
+    Where the slope of friction has no bound, that roundoff changes the friction by far more.
+    """
+    w: Array = motion.system.relative_velocity(y, motion.loads(tau))
+    return np.asarray(y + least_change(motion.equations, rows, -w[rows]))
+
+
 class SteepPath:
     """A solver's path, made finer where it begins or ends at rest with friction of infinite slope.
 
@@ -48,14 +59,14 @@ class SteepPath:
     relative accelerations: differences of velocities would have no correct digits. The path `is_lost` if it begins from
     rest with friction so steep that the start does not determine the motion: ``w' = c w^d`` has solutions that leave 0
     at any time, and for d below 1/2 they grow faster than any motion that other forces cause. It has only just begun
-    up to `begun_until`, 0 if it does not begin so. In its last step such friction brings the row `stopping` to rest, -1
-    for none.
+    up to `begun_until`, 0 if it does not begin so. The row `stopping` is the one that such friction brings to rest in
+    the last step; None for none, or for several.
     """
 
     def __init__(self, motion: Motion, path: Path, speed: float, bend: float) -> None:
         self.taus, self._motion, self._path, self._speed = path.taus, motion, path, speed
         self.is_lost, self._rows, self.begun_until = False, np.empty(0, dtype=np.intp), 0.0
-        self.stopping = -1
+        self.stopping: int | None = None
         rows, growth = self._steep_rows(min(bend, speed))
         if not rows.size:
             return
@@ -84,11 +95,6 @@ class SteepPath:
         s = (taus[some] - known[i]) / np.diff(known)[i]
         y[:, some] = self._moved(taus[some], y[:, some], values(velocities, i, s, False).T)
         return y
-
-    def at_rest(self) -> Array:
-        """Return the state at the end, with the row `stopping` at rest: roundoff of its velocity would show."""
-        y, row = self.at(self.taus[-1:]), np.array([self.stopping])
-        return np.asarray(y - least_change(self._motion.equations, row, self._relative(self.taus[-1:], y)[row]))[:, 0]
 
     def _steep_rows(self, bend: float) -> tuple[Indices, Array]:
         """Return the rows whose friction has an unbounded slope at rest, and by what factor it grows nearest to it."""

@@ -11,7 +11,7 @@ from stickslip.model.crossings import root_between
 from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 from stickslip.studies.derivatives.radau import STAGES, radau
-from stickslip.studies.derivatives.steep import SteepPath, least_change
+from stickslip.studies.derivatives.steep import SteepPath, brought_to_rest, least_change
 
 _ORDER = 20
 _REMAINDER = 1e-16
@@ -119,7 +119,7 @@ def _collocated(
     if begun_until:
         turns = np.union1d(turns, begun_until)
         S = S + np.outer(motion.rate(0.0, motion.y), begin)
-    if path.stopping >= 0:
+    if path.stopping is not None:
         turns = np.union1d(turns, steps[-2])
     stops = np.append(np.searchsorted(steps, turns), steps.size - 1)
     ends, found = [0.0], []
@@ -138,8 +138,8 @@ def _collocated(
         roughest = 0.0
         for i, end in enumerate(edges[1:].tolist()):
             at = slice(i * nodes.size, (i + 1) * nodes.size)
-            if end == last and path.stopping >= 0:
-                c = _to_rest(nearby, motion, path, since, float(begins[i]), S)
+            if end == last and path.stopping is not None:
+                c = _to_rest(nearby, motion, path, path.stopping, since, float(begins[i]), S)
                 following = c.sum(axis=0)
             else:
                 c, following = _collocation(motion, float(lengths[i]), taus[at], y[:, at], forcing[i], S)
@@ -222,19 +222,24 @@ def _collocation(motion: Motion, h: float, taus: Array, y: Array, forcing: Array
     return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
 
 
-def _to_rest(nearby: Nearby, motion: Motion, path: SteepPath, since: Array, tau: float, S: Array) -> Array:
-    """Return the coefficients of S in the last step, from `tau` on, in which vertical friction brings a row to rest.
+def _to_rest(
+    nearby: Nearby, motion: Motion, path: SteepPath, stopping: int, since: Array, tau: float, S: Array
+) -> Array:
+    """Return the coefficients of S in the last step, from `tau` on, in which a row comes to rest.
 
-    The step is so short that nothing but this friction changes. It depends on w alone, and so do S and the rates:
-    ``S_end = S + (y'_end - y') dw / w'``, where dw is the derivative of w at `tau`.
+    Its friction has a slope without bound at rest, and the step is so short that nothing else changes. Then a change of
+    its relative velocity w does what a shift in time does: ``S_end = S + (y'_end - y') dw / w'``, where dw is the
+    derivative of w at `tau`.
     """
-    row = np.array([path.stopping])
+    row = np.array([stopping])
 
     def velocity(own: Motion, taus: Array, states: Array) -> Array:
         return np.asarray(own.system.relative_velocity(states, own.loads(taus))[row])
 
     y = path.at(np.array([tau]))[:, 0]
-    change = motion.rate(float(path.taus[-1]), path.at_rest()) - motion.rate(tau, y)
+    end = float(path.taus[-1])
+    last = brought_to_rest(motion, row, end, path.at(path.taus[-1:])[:, 0])
+    change = motion.rate(end, last) - motion.rate(tau, y)
     of_w = nearby.slopes_at(velocity, motion, since, tau, y, S, is_linear=True)[0]
     c = np.zeros((STAGES + 1, *S.shape))
     c[0], c[1] = S, np.outer(change / motion.relative_accelerations(tau, y)[row], of_w)

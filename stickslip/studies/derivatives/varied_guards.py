@@ -12,7 +12,7 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.pieces import Piece
 from stickslip.studies.derivatives.nearby import Nearby
-from stickslip.studies.derivatives.steep import least_change
+from stickslip.studies.derivatives.steep import brought_to_rest
 
 TIE = 1e-6  # derivatives that differ by less than this part of their size count as equal
 
@@ -113,7 +113,11 @@ class VariedGuards:
         is_linear = bool(self._is_linear[fired].all())
         moved = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S, is_linear)[fired]
         moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
-        falls = self.falls(tau, self._come_to_rest(fired, tau, y))[fired]
+        passing = self.guards.passing
+        stopped = np.array([self.guards.row[i] for i in fired.tolist() if i in passing], dtype=np.intp)
+        if stopped.size and not self._motion.is_linear:
+            y = brought_to_rest(self._motion, stopped, tau, y)
+        falls = self.falls(tau, y)[fired]
         weights = self._of_one_motion(fired)
         if weights is not None and abs(weights @ falls) > _GRAZING_SLOPE * (weights @ slopes[fired]):
             # near by their shares of the force differ: they let go where its sum comes to the sum of their levels
@@ -139,18 +143,6 @@ class VariedGuards:
         times[apart] = np.nan
         why = f"events of {' and '.join(names)} fall together"
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
-
-    def _come_to_rest(self, fired: Indices, tau: float, y: Array) -> Array:
-        """Return the state in which the rows are at rest whose velocities have come to 0, but for roundoff.
-
-        Where friction is vertical at rest, that roundoff changes it by far more.
-        """
-        motion, guards = self._motion, self.guards
-        rows = np.array([guards.row[i] for i in fired.tolist() if i in guards.passing], dtype=np.intp)
-        if motion.is_linear or not rows.size:
-            return y
-        w: Array = motion.system.relative_velocity(y, motion.loads(tau))
-        return np.asarray(y + least_change(motion.equations, rows, -w[rows]))
 
     def _of_one_motion(self, fired: Indices) -> Array | None:
         """Return the weights of held contacts that hold one motion side by side and come to their levels together.

@@ -12,7 +12,8 @@ from stickslip.studies.derivatives.variations import Variation
 # Steps are halved until that changes an integral by less than the first part of it, plus the second part of the
 # integral of the quantity itself; at most so often.
 _QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
-_SHRINKS = 0.7  # part of itself to which an error falls if steps are halved, or less, even where functions have kinks
+# A change below so many times what is allowed is roundoff if it does not shrink to this part of the one before.
+_MAY_BE_ROUNDOFF, _SHRINKS = 1e3, 0.7
 _TINY = np.finfo(float).tiny
 
 
@@ -51,8 +52,7 @@ def integral(variation: Variation, quantity: OfMotion, times: Array) -> Array:
             changes = np.abs(finer[:, ::2] - sums) / np.maximum(allowed, _TINY)
             off = float(np.nan_to_num(changes, posinf=np.inf).max(initial=0.0))
             sums = finer
-            # what does not become smaller is roundoff of differences
-            if off <= 1.0 or off > _SHRINKS * least:
+            if off <= 1.0 or _SHRINKS * least < off < _MAY_BE_ROUNDOFF:
                 break
             least = off
         sums += total - limits[:, :1] * varied.begin_change
