@@ -285,3 +285,20 @@ def test_wheels_whose_slip_presses_their_tyres_roll_between_pulses(
     for body in ("car", "wheel 0", "wheel 1"):
         assert result.sample(times).velocity(body) == pytest.approx(exact.sample(times).velocity(body), abs=5e-5)
     assert result.stats["steps"] < 1000
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "multiplier"}])
+def test_a_cubic_normal_force_that_falls_through_0(options: dict[str, Any]) -> None:
+    """A block rests before N = 2 x^3 falls to 0: x = sin(w t) / w - cos(w t) with w^2 = 3 is 0 where tan(w t) = w."""
+    scene = Scene(
+        Body("swings", inertia=3.0, velocity=1.0, position=-1.0),
+        Body("block", inertia=1.0, velocity=-0.5),
+        Spring("swings", GROUND, stiffness=9.0),
+        Contact("c", "block", GROUND, DryFriction(0.5, 0.3), normal=feedback(lambda x: 2.0 * x**3, position("swings"))),
+    )
+    result = simulate(scene, (0.0, 3.0), **options)
+    w = math.sqrt(3.0)
+    exact = math.cos(3.0 * w) + w * math.sin(3.0 * w)
+    assert result.velocity("swings")[-1] == pytest.approx(exact, abs=1e-5)
+    assert abs(result.velocity("block")[-1]) < 1e-9
+    assert result.stats["restarts"] < 200

@@ -1311,6 +1311,16 @@ def test_a_function_with_a_corner_where_a_contact_rests_is_not_crossed() -> None
     assert by_belt(given, one) == pytest.approx(exact, rel=1e-8)
 
 
+@pytest.mark.parametrize("width", [0.01, 0.003])
+def test_heat_on_a_narrow_bump(width: float) -> None:
+    """The bump is narrower than the solver's steps. Heat is the energy that is lost: v_0 - v dv/dv_0 by v_0."""
+    bump = feedback(lambda x: 1 + 5 * math.exp(-(((x - 0.7) / width) ** 2)), position("m"))
+    contact = Contact("c", "m", GROUND, DryFriction(0.1, 0.1), normal=bump)
+    found = sensitivities(Scene(Body("m", inertia=1.0, velocity=2.0), contact), (0.0, 1.0), ["m.velocity"], rtol=1e-9)
+    lost = 2.0 - found.result.velocity("m")[-1] * float(found.velocity("m")[0])
+    assert found.heat("c")[0] == pytest.approx(lost, abs=1e-4)
+
+
 def test_relaxation_has_no_time() -> None:
     law = DryFriction(0.2, 0.0, kinetic=lambda v: 0.1 * v)
     scene = Scene(Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, law, normal=10.0))
