@@ -23,9 +23,9 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     """
     count = matrix.shape[1]
     x, in_use = np.zeros(count), np.zeros(count, dtype=bool)
-    sizes, norms = np.abs(matrix), np.linalg.norm(matrix, axis=0)
+    sizes, norms, wanted = np.abs(matrix), np.linalg.norm(matrix, axis=0), np.linalg.norm(target)
     for _ in range(_ROUNDS * (count + 1)):
-        least = _TINY * norms * (np.linalg.norm(target) + np.linalg.norm(sizes @ x))
+        least = _TINY * norms * (wanted + np.linalg.norm(sizes @ x))
         slope = np.where(in_use, 0.0, matrix.T @ (target - matrix @ x) - least)
         while True:
             entering = int(slope.argmax()) if count else 0

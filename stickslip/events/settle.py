@@ -198,12 +198,13 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         if (again := tried.count(closed.tobytes())) and system.free[wrong].all():
             # laws that never stick give no force where the normal force is 0: rows that only touch that stay closed
             closed[wrong] = as_it_is = True
-        elif again > 1 and (moving := _moving_on(system, segment, now, q, wrong)) is not None:
-            now = moving
-            tried.clear()
         elif again > 1:
-            # their slopes gave no consistent answer: their present values decide
-            closed[wrong], by_value = q[wrong] > 0, True
+            if (moving := _moving_on(system, segment, now, q, wrong)) is not None:
+                now = moving
+                tried.clear()
+            else:
+                # their slopes gave no consistent answer: their present values decide
+                closed[wrong], by_value = q[wrong] > 0, True
 
 
 def _moving_on(system: System, segment: Segment, now: Situation, q: Array, rows: Indices) -> Situation | None:

@@ -98,10 +98,11 @@ class Lookout:
         value = sound(self._guards.smallest(tau, y), tau)
         self.found = value <= 0 < tau
         ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._creeps(tau))
-        if self.found or ends:
-            self.end = tau, unknowns.copy()
-        # a solver ignores a guard that has been exactly 0 since its start, until it is something else
-        return -1.0 if ends or (self.found and value == 0) else value
+        if not (self.found or ends):
+            return value
+        self.end = tau, unknowns.copy()
+        # only the sign counts from here on, but not 0: solvers ignore a guard that has been exactly 0 since their start
+        return -1.0
 
     def _creeps(self, tau: float) -> bool:
         """Tell whether the last steps, many of them, have covered next to no time."""

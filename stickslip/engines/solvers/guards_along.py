@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from stickslip.equations.guards.guards import Guards
@@ -21,9 +23,15 @@ class GuardsAlong:
     def __init__(self, motion: Motion, guards: Guards, path: Path) -> None:
         self.motion, self.guards, self.path = motion, guards, path
         self._coefficients, self.are_exact, self.low = guards.along(path)
-        # a velocity that is beyond 0 by less than errors passes it when its own time comes; forces wait for all others
-        until = guards.each_roundoff_until
-        self._roundoff_until = np.where(guards.is_velocity, until, guards.any_roundoff_until)
+
+    @cached_property
+    def _roundoff_until(self) -> Array:
+        """The local time until which the sign of each guard is roundoff, -1 for none.
+
+        Forces wait for all guards that leave 0. A velocity has its own time: it may begin beyond 0 by less than errors.
+        """
+        guards = self.guards
+        return np.where(guards.is_velocity, guards.each_roundoff_until, guards.any_roundoff_until)
 
     def falls_at_end(self, rows: Mask) -> bool:
         """Tell whether some guards certainly fall throughout the last step.
@@ -57,7 +65,6 @@ class GuardsAlong:
         if with_leeway:
             found += guards.leeway[rows, None]
         if guards.any_roundoff_until >= 0:
-            # up to these times signs are roundoff
             found[taus <= self._roundoff_until[rows, None]] = np.inf
         return found
 

@@ -76,7 +76,8 @@ class SteepPath:
         crowd = path.taus[-1] * _CROWD
         if stops.any():
             self.taus = np.union1d(self.taus, path.taus[-1] - crowd)
-            w = np.abs(self._relative(self.taus[-2:], motion.exact(self.taus[-2:], path.at(self.taus[-2:]).T))[rows])
+            last = self.taus[-2:]
+            w = np.abs(self._relative(last, self.at(last))[rows])
             if stops.sum() == 1 and w[stops, 1] <= _ARRIVES * w[stops, 0]:
                 self.stopping = int(rows[stops][0])
         if begins.any():
