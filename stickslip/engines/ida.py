@@ -9,7 +9,6 @@ have the least norm.
 from __future__ import annotations
 
 import contextlib
-import math
 from typing import Any
 
 import numpy as np
@@ -165,12 +164,7 @@ class _Residual:
                 normal = motion.normals(tau, motion.y)[held]
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
-        # a body without inertia moves only with others: it counts as the lightest body that has one
-        heavy = system.inertia > 0
-        lightest = system.inertia.min(initial=math.inf, where=heavy)
-        inverse = 1.0 / np.where(heavy, system.inertia, lightest)
-        squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)
-        self.impulse_scale = 1.0 / np.maximum(squared @ inverse, np.finfo(float).tiny)
+        self.impulse_scale = 1.0 / system.mobility[held]
 
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in the balance, the other states' rates, and the constraint."""

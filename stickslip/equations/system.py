@@ -8,6 +8,7 @@ or whose position is read.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
@@ -289,6 +290,17 @@ class System:
             for i, factor in factors.items():
                 entries.add(k, i, factor)
         return self.matrix(entries, (self.drives, self.drives))
+
+    @cached_property
+    def mobility(self) -> Array:
+        """The relative acceleration of each row (m,) by a force of 1 N or N m along it, if no row is held.
+
+        A body without inertia moves only with others: it counts as the lightest body that has one.
+        """
+        heavy = self.inertia > 0
+        lightest = self.inertia.min(initial=math.inf, where=heavy)
+        squared = self.G * self.G if isinstance(self.G, np.ndarray) else self.G.multiply(self.G)
+        return np.maximum(squared @ (1.0 / np.where(heavy, self.inertia, lightest)), np.finfo(float).tiny)
 
     @cached_property
     def transmission(self) -> Transmission:

@@ -1,11 +1,12 @@
 """A sine presses a contact again where it crosses 0: roundoff there may not keep the contact open."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 
 from stickslip import (
     GROUND,
@@ -302,3 +303,105 @@ def test_a_cubic_normal_force_that_falls_through_0(options: dict[str, Any]) -> N
     assert result.velocity("swings")[-1] == pytest.approx(exact, abs=1e-5)
     assert abs(result.velocity("block")[-1]) < 1e-9
     assert result.stats["restarts"] < 200
+
+
+SLOW_FUNCTIONS: dict[str, Callable[[float], float]] = {
+    "x^2": lambda x: x**2,
+    "x^3": lambda x: x**3,
+    "x^6": lambda x: x**6,
+    "Hertz": lambda x: max(x, 0.0) ** 1.5,
+    "1 - cos x": lambda x: 1.0 - math.cos(x),
+}
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("name", SLOW_FUNCTIONS)
+def test_a_normal_force_that_leaves_0_slowly(name: str, options: dict[str, Any]) -> None:
+    """With x = 2 t^3 / 3 a block that slips at 1 m/s loses the integral of mu N(x) over the time."""
+    normal = SLOW_FUNCTIONS[name]
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Force("m", piecewise_linear([0.0, 10.0], [0.0, 40.0])),
+        Body("o", inertia=1.0, velocity=1.0),
+        Contact("c", "o", GROUND, DryFriction(0.5, 0.5), normal=feedback(normal, position("m"))),
+    )
+    result = simulate(scene, (0.0, 0.8), **options)
+    lost = quad(lambda t: 0.5 * normal(2.0 * t**3 / 3.0), 0.0, 0.8)[0]
+    assert result.velocity("o")[-1] == pytest.approx(1.0 - lost, abs=1e-7)
+    assert (result.mode("c") == 1).all() and not result.events
+    assert result.stats["restarts"] < 5
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}])
+def test_one_that_leaves_0_as_its_own_body_breaks_away(options: dict[str, Any]) -> None:
+    """0.5 x'' = 4 t - 1 - 2.5 x^2 from 0.25 s on."""
+    one = Contact("own", "m", GROUND, DryFriction(1.0, 1.0), normal=1.0)
+    square = feedback(lambda x: 5.0 * x * x, position("m"))
+    scene = Scene(
+        Body("m", inertia=0.5),
+        Force("m", piecewise_linear([0.0, 1.0], [0.0, 4.0])),
+        one,
+        Contact("square", "m", GROUND, DryFriction(0.5, 0.5), normal=square),
+    )
+    result = simulate(scene, (0.0, 0.5), **options)
+
+    def rate(t: float, y: Array) -> list[float]:
+        return [y[1], 8.0 * t - 2.0 - 5.0 * y[0] ** 2]
+
+    answer = solve_ivp(rate, (0.25, 0.5), [0.0, 0.0], rtol=1e-10, atol=1e-12)
+    assert result.velocity("m")[-1] == pytest.approx(answer.y[1, -1], abs=1e-6)
+    assert result.events[0].t == pytest.approx(0.25, abs=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "multiplier"}])
+def test_a_cubic_normal_force_that_rises_and_falls(options: dict[str, Any]) -> None:
+    """With x = 0.35 sin 2 t the block loses 0.4 times the integral of x^3 while x > 0: over 2 and a half half-waves."""
+    scene = Scene(
+        Body("swings", inertia=1.0, velocity=0.7),
+        Spring("swings", GROUND, stiffness=4.0),
+        Body("block", inertia=1.0, velocity=3.0),
+        Contact("c", "block", GROUND, DryFriction(0.5, 0.4), normal=feedback(lambda x: x**3, position("swings"))),
+    )
+    result = simulate(scene, (0.0, 1.25 * math.pi), **options)
+    half_wave = 0.4 * 0.35**3 * 2.0 / 3.0
+    assert result.velocity("block")[-1] == pytest.approx(3.0 - 1.5 * half_wave, abs=1e-7)
+    assert result.stats["restarts"] < 10
+
+
+def test_normal_forces_that_only_touch_0() -> None:
+    """The normal forces -2 v^2 and min(0, v) / 2 never press: v rises to 0 in 1 s, and the blocks go on."""
+    pull = piecewise_linear([0.0, 0.5, 1.0, 3.0], [0.0, 1.0, 0.0, 2.0])
+    scene = Scene(
+        Body("led", inertia=1.0, velocity=-0.5),
+        Force("led", pull),
+        Body("a", inertia=1.0, velocity=-0.5),
+        Body("b", inertia=3.0),
+        Contact("c", "a", "b", DryFriction(0.5, 0.2), normal=feedback(lambda v: -2.0 * v * v, velocity("led"))),
+        Contact("d", "b", "a", DryFriction(0.3, 0.2), normal=feedback(lambda v: 0.5 * min(0.0, v), velocity("led"))),
+    )
+    result = simulate(scene, (0.0, 3.0))
+    assert result.velocity("a")[-1] == pytest.approx(-0.5, abs=1e-12)
+    assert not result.events
+
+
+def test_kinks_of_functions_within_the_errors_of_the_solver() -> None:
+    """A contact opens where v comes to 0, up to the solver's errors; min(0, v) is exactly 0 until v has passed 0."""
+    v = velocity("led")
+    scene = Scene(
+        Body("led", inertia=1.0, position=-1.0),
+        Body("block", inertia=2.0, velocity=1.0),
+        Spring("led", GROUND, stiffness=9.0),
+        Force("led", piecewise_linear([0.0, 0.5, 1.0, 3.0], [0.0, -2.0, 0.0, 2.0])),
+        Force("block", 1.0),
+        Contact("c", "led", "block", DryFriction(0.5, 0.3), normal=feedback(lambda v: 10.0 * min(0.0, v), v)),
+        Contact(
+            "d",
+            "block",
+            "led",
+            DryFriction(0.5, 0.2),
+            normal=feedback(lambda w: -10.0 * w * w, relative_velocity("d")),
+        ),
+        Contact("e", "led", GROUND, DryFriction(0.3, 0.3), normal=feedback(lambda v: 10.0 * v * v * (v - 0.2), v)),
+    )
+    result = simulate(scene, (0.0, 3.0), formulation="multiplier")
+    assert result.stats["restarts"] < 15

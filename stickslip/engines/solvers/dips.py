@@ -70,14 +70,17 @@ def first_dip(along: GuardsAlong) -> Dip | None:
         return along.values(rows, tau, with_leeway=True)
 
     looks, ends = _looks(values, ~along.are_exact[rows], taus[:-1][some], taus[1:][some])
+    extra = []
     if motion.dwell_times.size and np.isinf(low).any():
-        extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
-        looks, which = np.unique(np.append(looks, extra := extra[extra < taus[-1]]), return_index=True)
-        ends = np.hstack([ends, values(extra)])[:, which]
+        since = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
+        extra.append(since[since < taus[-1]])
     if along.path.hit and some[-1]:
         # to see whether a guard that is not negative at the end rises there
-        before = np.array([taus[-1] - _BEFORE_END * (taus[-1] - taus[-2])])
-        looks, ends = np.insert(looks, -1, before), np.insert(ends, -1, values(before)[:, 0], axis=1)
+        extra.append(taus[-1:] - _BEFORE_END * (taus[-1] - taus[-2]))
+    if extra:
+        more = np.concatenate(extra)
+        looks, which = np.unique(np.append(looks, more), return_index=True)
+        ends = np.hstack([ends, values(more)])[:, which]
     begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
     highest = _highest(looks, ends, np.column_stack([begin, low]), taus)
     found = _first_negative(looks, ends, values, np.where(highest >= _FROM_ABOVE * touch[:, None], touch[:, None], 0.0))

@@ -24,12 +24,14 @@ FINEST_ROUNDOFF = 1e-15  # part of its majorant within which a stop is at its li
 _NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looked at more closely
 _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time
 _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
+UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
 
 # The uncertainty of second and higher Taylor coefficients, as a part of their majorants, in motions that are not
 # linear: there these coefficients are differences.
 DIFFERENCED = 1e-6
 
+_TINY = np.finfo(float).tiny
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 HIGHEST = 8  # order up to which coefficients are computed where lower ones are 0
 _ORDERS = np.arange(1.0, HIGHEST + 2)[:, None]
@@ -179,6 +181,8 @@ class GuardsAtStart(GuardValues):
         elif of_stop and not has_fired:
             # a stop in flight counts as open down to roundoff: at its limit it rebounds
             tolerance = FINEST_ROUNDOFF * majorant[0, i]
+        unfelt = UNFELT * self.felt[i]
+        tolerance, rough = tolerance + unfelt, rough + unfelt
         if not abs(coefficients[0, i]) <= tolerance:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
@@ -198,7 +202,13 @@ class GuardsAtStart(GuardValues):
         horizon = self.motion.horizon
         for k, limit in enumerate(limits, start=1):
             value = (self.first if k == 1 else self.start)[k, i]
-            if abs(value) > limit and abs(value) * horizon**k > flat:
+            if abs(value) <= limit:
+                continue
+            change = abs(value) * horizon**k
+            if k == 1 and change < self.felt[i]:
+                # this slope is no more than the error of a difference, and so are higher orders
+                return NEVER
+            if change > flat:
                 return k if value > 0 else _DOWN
         if not self.motion.is_linear:
             return NEVER
@@ -221,6 +231,24 @@ class GuardsAtStart(GuardValues):
             return float(self._majorant_at_exact_time[1, i])
         level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
         return float(2 * level * self.motion.equations.mobility(row))
+
+    @cached_property
+    def felt(self) -> Array:
+        """The least forces that a solver feels, at contacts whose normal force depends on the state; 0 at others.
+
+        Up to the horizon such a force changes a velocity by the errors of the solver. A normal force that is a function
+        of the state may leave 0 more slowly than any power that is looked at, or be 0 but for its own roundoff.
+        """
+        found = np.zeros(self.size)
+        if self.motion.is_linear or self.velocity_uncertainty is None or not self.rows.has_normals:
+            return found
+        system, uncertain = self.motion.system, self.velocity_uncertainty
+        concerned = self.rows.is_force & np.isin(self.row, self.row[self.is_normal])
+        rows = self.row[concerned]
+        found[concerned] = uncertain[rows] / (system.mobility[rows] * self.motion.horizon)
+        of_friction = system.mu_s[:, self.row[self.is_normal]].max(axis=0)
+        found[self.is_normal] /= np.where(of_friction > 0, of_friction, 1.0)
+        return found
 
     @cached_property
     def _never(self) -> Mask:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.floats import smallest_of
-from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, GuardsAtStart
+from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, UNFELT, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
@@ -129,7 +129,8 @@ class Guards(GuardsAtStart):
         """Local times until which guards that leave 0 are roundoff, and how far guards that stay 0 may stray from 0."""
         g = self.start if self._bent.size else self.first
         noise = ROUNDOFF * self.majorant
-        rough = ROUNDOFF * self.scale + noise[0]
+        unfelt = UNFELT * self.felt
+        rough = ROUNDOFF * self.scale + noise[0] + unfelt
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
         for k in set(self.order[self._leaves].tolist()):
             rows = (self.order == k).nonzero()[0]
@@ -146,7 +147,7 @@ class Guards(GuardsAtStart):
         flat = np.where(
             self.is_velocity,
             rough + 1e2 * noise[1] * self.motion.horizon,
-            AT_LIMIT * self.scale + noise[0],
+            AT_LIMIT * self.scale + noise[0] + unfelt,
         )
         # a velocity that stays 0 may drift by roundoff over the whole motion; that of a row that lets go will move
         flat[self.lets_go] = rough[self.lets_go]
@@ -237,9 +238,9 @@ class Guards(GuardsAtStart):
         """Divide zeros at the start out of the guards `g`, in place, and return `g`."""
         if self.is_plain:
             return g
-        settled, stray = self._roundoff
-        stays = (self.order == NEVER).nonzero()[0]
-        g[stays] += like(stray[stays], g)
+        settled = self._roundoff[0]
+        if self._offset is not None:
+            g += like(self._offset, g)
         for k in (1, 2):
             rows = (self.order == 1).nonzero()[0] if k == 1 else self._bent
             if not rows.size:
@@ -389,9 +390,13 @@ class Guards(GuardsAtStart):
 
     @cached_property
     def _offset(self) -> Array | None:
-        """How far guards that stay 0 may stray from 0, 0 for all others; None if no guard stays 0."""
-        stays = self.order == NEVER
-        return np.where(stays, self._roundoff[1], 0.0) if stays.any() else None
+        """How far guards that are 0 at the start may stray beyond it, 0 for all others; None if none may.
+
+        These are guards that stay 0. Guards that leave 0 may stray as far as a solver does not feel: functions with
+        kinks leave 0 only beyond its errors.
+        """
+        found = np.where(self.order == NEVER, self._roundoff[1], np.where(self._leaves, UNFELT * self.felt, 0.0))
+        return found if found.any() else None
 
     @cached_property
     def _lift(self) -> Array | None:
