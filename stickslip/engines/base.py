@@ -28,6 +28,7 @@ class Task:
     loads: Loads
     rtol: float
     atol: Array  # (size,): tolerances of the states
+    speeds: Array  # (n,): velocity scales of the bodies in m/s or rad/s, 0 where none is known
     max_step: float = math.inf  # longest step in s, infinite for none
     step: float = math.nan  # length of fixed steps in s
     # integrate the independent velocities only: the state shrinks and grows (Breedveld 2000, figs. 4 and 5)

@@ -144,6 +144,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
             loads,
             wanted.rtol,
             wanted.atol,
+            wanted.speeds,
             max_step=max_step,
             step=math.nan if step is None else step,
             merged=merged,

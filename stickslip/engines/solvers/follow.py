@@ -13,6 +13,7 @@ from stickslip.engines.progress import Interruption, OutOfReach, Progress
 from stickslip.engines.solvers.dips import first_dip
 from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.engines.solvers.passing import back_from_end, back_to_zero
+from stickslip.engines.solvers.weights import Weights
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
@@ -74,14 +75,18 @@ class LookAhead:
 class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
-    It also stops the solver where tables have left their regions, and where it creeps. A body may come to rest in a
+    It also stops the solver where tables have left their regions, where its tolerances have to be others, and where it
+    creeps. A body may come to rest in a
     finite time, as under a force that grows like the root of the speed; its rest is found only when the path is looked
     at. If nothing has come to rest, the next solver goes on from there and may creep.
     `end` is the point at which the solver is stopped: local time in s and unknowns.
     """
 
-    def __init__(self, guards: Guards, interruption: Interruption, work: Work, look_ahead: LookAhead) -> None:
+    def __init__(
+        self, guards: Guards, interruption: Interruption, work: Work, look_ahead: LookAhead, weights: Weights
+    ) -> None:
         self._guards, self._interruption, self._work, self._look_ahead = guards, interruption, work, look_ahead
+        self._weights = weights
         self._has_left = guards.motion.has_left_in_floats or guards.motion.has_left
         self._calls, self._looked_at = 0, 0.0
         self._goes_on = math.isclose(look_ahead.crept, guards.motion.t, rel_tol=1e-12)
@@ -97,17 +102,21 @@ class Lookout:
         self._work.guard_calls += 1
         value = sound(self._guards.smallest(tau, y), tau)
         self.found = value <= 0 < tau
-        ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._creeps(tau))
+        ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._labours(tau, y))
         if not (self.found or ends):
             return value
         self.end = tau, unknowns.copy()
         # only the sign counts from here on, but not 0: solvers ignore a guard that has been exactly 0 since their start
         return -1.0
 
+    def _labours(self, tau: float, y: Array) -> bool:
+        """Tell, after many steps each time, whether the solver creeps or has to go on with other tolerances."""
+        self._calls += 1
+        return self._calls % _CREEPING == 0 and (self._weights.adapt(self._guards.motion, tau, y) or self._creeps(tau))
+
     def _creeps(self, tau: float) -> bool:
         """Tell whether the last steps, many of them, have covered next to no time."""
-        self._calls += 1
-        if self._goes_on or self._calls % _CREEPING:
+        if self._goes_on:
             return False
         covered, self._looked_at = tau - self._looked_at, tau
         creeps = covered < _NOWHERE * self._guards.motion.horizon
