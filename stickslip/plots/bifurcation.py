@@ -14,6 +14,7 @@ _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "
 
 _ENDS = ("fold", "end")  # of these a part of a branch has one at its end
 
+_TOGETHER = 0.02  # points this part of the width apart share a text
 _ROOM = 0.7  # a point less than this part of the width from both ends has room for its text on either side
 _NEAR = 1e-3  # part of the range of a branch over which its slope is looked at
 
@@ -77,7 +78,13 @@ def _write_beside(ax: Any, points: list[tuple[float, float, str, bool, float]]) 
     1 or -1, 0 where the point is no fold.
     """
     left, right = ax.get_xlim()
-    for k, (value, height, text, rises, side) in enumerate(sorted(points)):
+    texts: list[tuple[float, float, str, bool, float]] = []
+    for point in sorted(points):
+        value, height, text, rises, side = point
+        if texts and not side and not texts[-1][-1] and value - texts[-1][0] < _TOGETHER * (right - left):
+            text = f"{texts.pop()[2]}\n{text}"
+        texts.append((value, height, text, rises, side))
+    for k, (value, height, text, rises, side) in enumerate(texts):
         is_right = side > 0 if side else k % 2 == 0
         if not side and not left + _ROOM * (right - left) > value > right - _ROOM * (right - left):
             is_right = value < 0.5 * (left + right)

@@ -24,6 +24,7 @@ from stickslip.plots.style import (
     contact_names,
     dots,
     even_points,
+    few,
     labelled,
     look,
     name_of_points,
@@ -37,6 +38,7 @@ from stickslip.plots.style import (
 from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
+_MARKS = 300  # about so many computed times are marked on a characteristic
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # missing values hide the lines at events
 
 
@@ -228,19 +230,18 @@ def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
     ax.plot([], [], color="0.65", linewidth=4, label=type(element.law).__name__)
     line: dict[str, Any] = {"color": "black", "linewidth": 1.2, "label": "trajectory"}
     size = 5 if computed.t.size <= WITH_DOTS else 2.5
+    some, said = few(computed.t.size, _MARKS)
     points = dots(1) | {
         "marker": "o",
         "markersize": size,
         "markerfacecolor": "white",
-        "label": name_of_points(result),
+        "label": name_of_points(result) + said,
     }
-    for at, style in ((fine, line), (computed, points)):
+    for at, shown, style in ((fine, slice(None), line), (computed, some, points)):
         carried = at.force(contact)
-        ax.plot(
-            at.relative_velocity(contact),
-            _ratio(carried, at.normal(contact)) if divided else carried,
-            **style,
-        )
+        if divided:
+            carried = _ratio(carried, at.normal(contact))
+        ax.plot(at.relative_velocity(contact)[shown], carried[shown], **style)
     unit = units(result.scene, element)
     # where the force is in N m, the coefficient of friction contains the lever arm
     arm = {"N": "[1]", "N m": "[m]"}.get(unit.force, "[1 | m]")

@@ -22,6 +22,7 @@ from stickslip.plots.style import (
     contact_names,
     dots,
     even_points,
+    few,
     keep_names_inside,
     labelled,
     look,
@@ -160,10 +161,9 @@ def _stripes(spans: list[tuple[float, float]]) -> Path:
 
 def _rug(ax: Any, times: Array, points: dict[str, Any]) -> None:
     """Draw ticks along the bottom at computed times, only one in several where all would run together."""
-    every = -(-times.size // _TICKS)
-    if every > 1:
-        points = points | {"label": f"{points['label']}, 1 in {every}"}
-    chosen = times[::every]
+    some, said = few(times.size, _TICKS)
+    points = points | {"label": points["label"] + said}
+    chosen = times[some]
     ticks = {"transform": ax.get_xaxis_transform(), "markersize": 9, "markeredgewidth": 0.6}
     ax.plot(chosen, np.zeros(chosen.size), "|", **ticks, **points)
     ax.margins(y=0.09)  # or a line at the lowest velocity would run into the ticks

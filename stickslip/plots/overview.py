@@ -33,7 +33,8 @@ def overview(
     """Draw velocities, modes, contact forces within breakaway levels, normal forces that vary, and blocks, over time.
 
     This is figure 8 of Breedveld (2000). Bodies that rotate and bodies that move along lines have panels of their own.
-    More than four contacts share one raster of ``|r| / B``; panels with nothing to show are left out.
+    More than four contacts share one raster of ``|r| / B``; panels with nothing to show are left out. Of gaps and stops
+    the first four are drawn, of blocks the first three.
 
     Parameters
     ----------
@@ -81,8 +82,9 @@ def overview(
 def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
     found: list[Panel] = [(2.4, partial(velocities, result, some)) for some in _by_unit(result, bodies)]
-    blocks = result.scene.all_blocks[:_BLOCK_PANELS]
-    of_blocks: list[Panel] = [(1.4, partial(block, result, own.name)) for own in blocks]
+    of_blocks = _first(
+        [(1.4, partial(block, result, own.name)) for own in result.scene.all_blocks], _BLOCK_PANELS, "blocks"
+    )
     if not names:
         return found + of_blocks
     height = 0.5 + 0.22 * len(names) if len(names) <= MANY else 2.2
@@ -92,12 +94,26 @@ def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) ->
     elif of_contacts := [one.name for one in result.scene.contacts if one.name in names]:
         found.append((2.2, partial(load_of_contacts, result, of_contacts)))
     elements = limited(result)
-    between = [name for name in names if name in elements][:_FORCE_PANELS]
-    found += [(1.5, partial(stretch, result, name)) for name in between]
+    between: list[Panel] = [(1.5, partial(stretch, result, name)) for name in names if name in elements]
+    found += _first(between, _FORCE_PANELS, "gaps and stops")
     loaded = [name for name in varying(result) if name in names]
     if loaded:
         found.append((1.4, partial(normal_forces, result, loaded)))
     return found + of_blocks
+
+
+def _first(drawings: list[Panel], most: int, what: str) -> list[Panel]:
+    """Return the first drawings, `most` of them; the last one says how many more there are."""
+    shown, more = drawings[:most], len(drawings) - most
+    if more > 0:
+        height, draw = shown[-1]
+        shown[-1] = height, partial(_with_note, draw, f"not drawn:\n{more} more {what}")
+    return shown
+
+
+def _with_note(draw: Callable[..., Any], note: str, *, ax: Any) -> None:
+    draw(ax=ax)
+    ax.text(1.02, 0.0, note, transform=ax.transAxes, va="bottom", fontsize="small")
 
 
 def _by_unit(result: Readable, bodies: Sequence[str] | None) -> list[list[str]]:

@@ -66,6 +66,12 @@ def name_of_points(result: Readable) -> str:
     return "times fit for a plot" if result.is_dense else "times that were kept"
 
 
+def few(times: int, most: int) -> tuple[slice, str]:
+    """Return which of many times are marked, and what the legend says of that."""
+    every = max(-(-times // most), 1)
+    return slice(None, None, every), f", 1 in {every}" if every > 1 else ""
+
+
 def new_figure(width: float, height: float, **options: Any) -> Figure:
     """Return a new figure in inches: one of pyplot, so that ``plt.show()`` shows it and ``plt.close()`` frees it."""
     if not _ARE_PYPLOTS.get():
@@ -291,9 +297,14 @@ def check_is(thing: Any, kind: str, what: str) -> None:
         raise TypeError(f"{what}: expected a {kind}, got {type(thing).__name__}")
 
 
+def is_crowded(ax: Any) -> bool:
+    """Whether the legend has too many entries for the room within the axes."""
+    return len(ax.get_legend_handles_labels()[1]) > _INSIDE
+
+
 def within_or_beside(ax: Any) -> None:
     """Put the legend within the axes where there is room, else to their right."""
-    crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
+    crowded = is_crowded(ax)
     if not makes_room(ax):
         ax.legend(fontsize="xx-small" if crowded else "x-small", framealpha=0.8)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from textwrap import fill
 from typing import Any
 
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
@@ -14,13 +15,15 @@ from stickslip.plots.style import (
     MARKERS,
     STUDY,
     check_is,
+    is_crowded,
     makes_room,
     own_axes,
     within_or_beside,
 )
 
 _NOTES = 6
-_LONGEST = 125  # letters of a note that fit into the width of a figure
+_WIDTH, _BESIDE_LEGEND = 125, 85  # letters of a note that fit into a figure, and below axes with a legend beside them
+_LINES_OF_NOTE = 2
 _APART = 0.4  # decades between the heights of families in the grey band below the limit of the reference
 
 
@@ -63,7 +66,7 @@ def _errors_against_times(table: Any, ax: Any, at_floor: dict[int, float]) -> An
     ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 0.5)))
     ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
-    notes = _notes([row for row in table.rows if not _drawable(row)])
+    notes = _notes([row for row in table.rows if not _drawable(row)], _BESIDE_LEGEND if is_crowded(ax) else _WIDTH)
     if notes:
         more = [f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else []
         note = "not drawn:\n" + "\n".join([*notes[:_NOTES], *more])
@@ -121,13 +124,17 @@ def _drawable(row: Any) -> bool:
     return row.failure is None and row.error > 0
 
 
-def _notes(rows: list[Any]) -> list[str]:
-    """Return a line for each family of which rows cannot be drawn, and why the first of them cannot."""
+def _notes(rows: list[Any], width: int) -> list[str]:
+    """Return a note for each family of which rows cannot be drawn, and why the first of them cannot.
+
+    Its lines have at most `width` letters.
+    """
     lines = []
     for name, some in _by_family(rows).items():
         first = some[0]
         counted = f"{name}, {len(some)} of its calls" if len(some) > 1 else first.name
         why = f"error 0 in {first.median:.3g} s" if first.failure is None else first.failure.split("\n")[0]
-        line = f"{counted}: {why}"
-        lines.append(line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…")
+        lines.append(
+            fill(f"{counted}: {why}", width, max_lines=_LINES_OF_NOTE, placeholder=" …", subsequent_indent="    ")
+        )
     return lines

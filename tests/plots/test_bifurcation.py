@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.plots.bifurcation import _parts
+from stickslip.plots.bifurcation import _parts, _write_beside
+from stickslip.plots.style import own_axes
 
 
 def part(values: list[float], points: list[tuple[float, str]], beyond: Any = None) -> Any:
@@ -41,3 +42,12 @@ def test_points_stand_in_order_along_each_part(branch: Any, expected: list[list[
     assert [x.tolist() for x, _, _ in parts] == expected
     for x, y, _ in parts:
         assert y == pytest.approx(10.0 + x)
+
+
+def test_points_next_to_each_other_share_a_text() -> None:
+    ax = own_axes(None, 6.0, 4.0)
+    ax.set_xlim(0.0, 1.0)
+    _write_beside(
+        ax, [(0.5, 1.0, "first", True, 0.0), (0.51, 1.1, "second", True, 0.0), (0.6, 1.2, "third", True, 0.0)]
+    )
+    assert [text.get_text() for text in ax.texts] == ["first\nsecond", "third"]

@@ -14,6 +14,7 @@ from stickslip import (
     TIME,
     Body,
     Contact,
+    Drive,
     DryFriction,
     Force,
     Gap,
@@ -25,6 +26,7 @@ from stickslip import (
     Sampled,
     Scene,
     SimulationError,
+    Spring,
     StateSpace,
     feedback,
     output,
@@ -234,6 +236,16 @@ def test_many_bodies_become_a_raster(chain):
 
 
 @pytest.mark.slow
+def test_overview_of_many_gaps_says_how_many_are_not_drawn():
+    bodies = [Body(f"car {i}", inertia=1.0, velocity=1.0 - 0.1 * i, position=float(i)) for i in range(7)]
+    couplers = [Gap(f"c{i}", f"car {i + 1}", f"car {i}", lower=0.5, upper=1.5, stiffness=50.0) for i in range(6)]
+    figure = simulate(Scene(*bodies, *couplers), (0.0, 1.0)).plot()
+    notes = [text.get_text() for ax in figure.axes for text in ax.texts]
+    assert notes == ["not drawn:\n2 more gaps and stops"]
+    assert [ax.get_ylabel() for ax in figure.axes].count("stretch [m | rad]") == 4
+    drawn(figure.axes[0])
+
+
 def test_overview_of_many_bodies(chain):
     figure = plots.overview(chain)
     main = figure.axes
@@ -368,6 +380,20 @@ def test_characteristic_lies_on_its_law(wheels):
     law = [line for line in brake.get_lines() if line.get_color() == "0.65"]
     assert [sorted(set(line.get_ydata())) for line in law] == [[-0.1], [0.1], [-0.2, 0.2], []]
     drawn(brake)
+
+
+def test_characteristic_of_a_long_run_marks_some_of_its_times():
+    """Thousands of marks would hide both the law and the trajectory."""
+    scene = Scene(
+        Body("block", inertia=1.0),
+        Drive("belt", velocity=0.3),
+        Spring("block", "belt", stiffness=30.0),
+        Contact("rub", "block", GROUND, DryFriction(0.5, 0.3), normal=5.0),
+    )
+    ax = plots.characteristic(simulate(scene, (0.0, 200.0)), "rub")
+    (label,) = [one for one in labels(ax) if one.startswith("times fit for a plot")]
+    assert ", 1 in " in label
+    assert 100 < curve(ax, label).get_xdata().size <= 300
 
 
 @pytest.mark.parametrize(

@@ -303,6 +303,18 @@ def test_plot_has_a_marker_and_a_line_per_family_and_marks_the_front(axes):
     axes.figure.canvas.draw()
 
 
+def test_long_notes_end_before_a_legend_beside_the_axes():
+    from stickslip.plots import work_precision as draw
+
+    families = [row(f"method {i}", 1.0 + i, 10.0**-i, family=f"family {i}") for i in range(9)]
+    failed = row("simulate(scene)", math.nan, math.nan, 12 * "the step is too long ")
+    ax = draw(WorkPrecision((*families, failed), error_label="error"))
+    figure, (note,) = ax.figure, ax.texts
+    figure.canvas.draw()
+    assert note.get_text().endswith(" …")
+    assert note.get_window_extent().x1 < ax.get_legend().get_window_extent().x0
+
+
 def test_plot_of_nothing_but_failures_is_an_empty_frame_with_a_note(axes):
     from stickslip.plots import work_precision as draw
 
