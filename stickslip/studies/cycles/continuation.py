@@ -6,12 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from inspect import signature
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import check_takes, finite, numbers
+from stickslip.model.checks import check_takes, finite, flag, numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.studies.cycles.branches import Branch, BranchPoint
@@ -53,6 +55,7 @@ def continue_cycle(
     *,
     period: float | Callable[[float], float] | None = None,
     accuracy: float = 1e-6,
+    progress: bool = False,
     **options: Any,
 ) -> Branch:
     """Return the branch of limit cycles over values of a parameter.
@@ -75,6 +78,8 @@ def continue_cycle(
         Period of the loads in s.
     accuracy : float
         Part of the distance between two values to which the points between them are found.
+    progress : bool
+        Show progress bars.
     **options
         Further arguments of `limit_cycle`.
 
@@ -112,7 +117,8 @@ def continue_cycle(
     elif period is not None:
         period = finite(period, "continue_cycle: period")
     _check_options(scene, options)
-    follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
+    accuracy = between("accuracy", accuracy, 0.0, 1.0, "continue_cycle")
+    follower = Follower(one, period, accuracy, progress=flag(progress, "continue_cycle: progress"))
     if isinstance(scene, Cycle):
         first = follower.reached(Reached(scene, one.value), float(wanted[0])).cycle
     else:
@@ -141,8 +147,10 @@ class Follower:
         period: float | Callable[[float], float] | None,
         accuracy: float,
         folds: int = _MOST_FOLDS,
+        progress: bool = False,
     ) -> None:
         self._parameter, self._period, self._accuracy, self._folds = parameter, period, accuracy, folds
+        self._progress = progress
         self._points: list[BranchPoint] = []
 
     def period(self, value: float) -> float | None:
@@ -158,7 +166,8 @@ class Follower:
         the second value.
         """
         cycles, beyond = [first], None
-        for before, value in zip(values[:-1].tolist(), values[1:].tolist(), strict=True):
+        ways = list(pairwise(values.tolist()))
+        for before, value in tqdm(ways, disable=not self._progress, unit="value"):
             last = Reached(cycles[-1], before)
             near = self._toward(last, value, first_step)
             first_step = 1.0
@@ -303,7 +312,7 @@ class Follower:
             return None
         back = np.sort(every[(every <= before) if rose else (every >= before)])
         back = back[::-1] if rose else back
-        follower = Follower(self._parameter, self._period, self._accuracy, self._folds - 1)
+        follower = Follower(self._parameter, self._period, self._accuracy, self._folds - 1, self._progress)
         part = min(apart / max(abs(before - first.value), np.finfo(float).tiny), 1.0)
         found = follower.follow(centred(first.cycle), np.array([first.value, *back]), every, part)
         return replace(found, values=found.values[1:], cycles=found.cycles[1:])
