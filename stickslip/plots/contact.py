@@ -15,6 +15,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.signals import Constant
 from stickslip.plots.motion import MANY
 from stickslip.plots.style import (
+    AS_IT_IS,
     FINE,
     NORMAL,
     TIME,
@@ -154,27 +155,36 @@ def varying(result: Readable) -> list[str]:
 
 
 @of_result
-def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
-    """Draw relative velocity against relative displacement of a contact, and return the axes.
+def phase_portrait(result: Readable, contact: str, *, body: str | None = None, ax: Any = None) -> Any:
+    """Draw relative velocity against relative displacement of a contact, or those of a body; return the axes.
 
     Parameters
     ----------
     result : Result
     contact : str
-        Name of the contact.
+        Name of the contact. Grey squares stand where it is stuck.
+    body : str, optional
+        Draw the velocity of this body against its position. On a belt a limit cycle closes so: the relative
+        displacement grows with the travel of the belt.
     ax : matplotlib axes, optional
         Where to draw; by default a new figure.
 
     Raises
     ------
     ValueError
-        If there is no such contact, or positions were not kept.
+        If there is no such contact or body, or positions were not kept.
     """
     element = _element(result, contact)
     fine = result.fit_for_plot(FINE)
-    x = sum((c * fine.position(name) for name, c in element.coefficients.items()), np.zeros_like(fine.t))
+    if body is None:
+        x = sum((c * fine.position(name) for name, c in element.coefficients.items()), np.zeros_like(fine.t))
+        w, unit = fine.relative_velocity(contact), units(result.scene, element)
+        names = "relative displacement", "relative velocity"
+    else:
+        x, w = fine.position(body), fine.velocity(body)
+        moving = [one for one in (*result.scene.bodies, *result.scene.drives) if one.name == body]
+        unit, names = units(result.scene, *moving), (f"position of {body}", f"velocity of {body}")
     ax = own_axes(ax, 6.0, 4.2)
-    w = fine.relative_velocity(contact)
     ax.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
     ax.plot(x, w, label="trajectory", zorder=1, **look(0))
     stuck = fine.mode(contact) == Mode.STUCK
@@ -182,8 +192,8 @@ def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
         ax.plot(x[stuck], w[stuck], "s", color="0.6", markersize=5, markeredgewidth=0, zorder=2, label="stuck")
     ax.plot(x[:1], w[:1], "o", color="black", markerfacecolor="white", zorder=3, label="start")
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
-    unit = units(result.scene, element)
-    ax.set(xlabel=f"relative displacement [{unit.position}]", ylabel=f"relative velocity [{unit.velocity}]")
+    ax.set_xlabel(f"{names[0]} [{unit.position}]", **AS_IT_IS)
+    ax.set_ylabel(f"{names[1]} [{unit.velocity}]", **AS_IT_IS)
     short_numbers(ax)
     if ax.get_xscale() == "linear":
         # displacements may be small, and their labels long
