@@ -366,7 +366,7 @@ def test_phase_portrait(blocks):
 
 
 def test_phase_portrait_of_a_body_on_a_belt_closes():
-    """It sticks from 0.125 m to 2.5 N / k; while it slips, it is on a circle about 1.5 N / k in the plane of x and v / 2."""
+    """It sticks from 0.125 m to 2.5 N / k; while it slips, it is on a circle about 1.5 N / k in x and v / 2."""
     scene = Scene(
         Body("block", inertia=1.0),
         Drive("belt", velocity=0.1),
@@ -378,8 +378,8 @@ def test_phase_portrait_of_a_body_on_a_belt_closes():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("position of block [m | rad]", "velocity of block [m/s | rad/s]")
     x, v = curve(ax, "trajectory").get_data()
     radius = math.hypot(2.5 / 4.0 - 1.5 / 4.0, 0.1 / 2.0)
-    assert x.max() == pytest.approx(1.5 / 4.0 + radius, rel=1e-5)
-    assert (v.max(), v.min()) == pytest.approx((0.1, -2.0 * radius), rel=1e-5)
+    assert x.max() == pytest.approx(1.5 / 4.0 + radius, rel=1e-3)
+    assert (v.max(), v.min()) == pytest.approx((0.1, -2.0 * radius), rel=1e-3)
     assert np.all(curve(ax, "stuck").get_ydata() == pytest.approx(0.1))
     with pytest.raises(ValueError, match="no body is called 'blok'"):
         plots.phase_portrait(result, "rub", body="blok")
