@@ -76,9 +76,9 @@ class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
     It also stops the solver where tables have left their regions, where its tolerances have to be others, and where it
-    creeps. A body may come to rest in a
-    finite time, as under a force that grows like the root of the speed; its rest is found only when the path is looked
-    at. If nothing has come to rest, the next solver goes on from there and may creep.
+    creeps. A body may come to rest in a finite time, as under a force that grows like the root of the speed; its rest
+    is found only when the path is looked at. If nothing has come to rest, the next solver goes on from there and may
+    creep.
     `end` is the point at which the solver is stopped: local time in s and unknowns.
     """
 
