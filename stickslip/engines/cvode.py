@@ -15,7 +15,7 @@ from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, fol
 from stickslip.engines.solvers.linear_solver import LinearSolver, band_order
 from stickslip.engines.solvers.sundials import CVODE
 from stickslip.engines.solvers.through_points import path_through
-from stickslip.engines.solvers.weights import Weights
+from stickslip.engines.solvers.tolerances import SolverTolerances
 from stickslip.engines.work import Work, solved
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
@@ -29,7 +29,7 @@ _EVENTS_PER_SOLVER = 20
 # existing solver is used again.
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
 
-_Options = tuple[float, float, float]  # relative tolerance, longest and first step in s
+_Options = tuple[int, float, float]  # how often tolerances have changed, longest and first step in s
 
 
 class _Solver:
@@ -76,7 +76,7 @@ class Cvode:
 
     def __init__(self, task: Task, kind: str) -> None:
         self._task, self._kind, self._order = task, kind, band_order(task.system)
-        self._weights = Weights(task, for_stiff=kind == "BDF")
+        self._tolerances = SolverTolerances(task, for_stiff=kind == "BDF")
         self.work, self._look_ahead = Work(), LookAhead()
         self._series: Series | None = None
         if task.exact_at_rest:
@@ -91,13 +91,13 @@ class Cvode:
             return self._series.advance(motion, guards, horizon)
         self._now.motion = selected = Selected(motion, self._order, self._task.merged)
         self._now.rate = selected.writes_rates()
-        self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._look_ahead, self._weights)
+        self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._look_ahead, self._tolerances)
         return follow(motion, guards, horizon, self._solve, self._task.interruption, self._look_ahead)
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work
         self._now.progress, self._now.has_begun = progress, False
-        solver = self._solver(selected)
+        solver, tolerance = self._solver(selected), self._tolerances.now
         lookout.end = None
         solver.faults.clear()
         solution = solver.own.solve(np.array([0.0, tau]), selected.start)
@@ -111,7 +111,7 @@ class Cvode:
             selected.motion,
             taus,
             selected.whole(taus, points),
-            self._weights.tolerance,
+            tolerance,
             self._kind,
             lookout.found,
         )
@@ -122,10 +122,10 @@ class Cvode:
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         if self._now.linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.jacobian_pattern)):
             self._solvers.clear()
-        first, rtol = first_step(motion, *self._weights.tolerance), self._weights.rtol
+        first, changes = first_step(motion, *self._tolerances.now), self._tolerances.changes
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
-        fit = [x for r, m, x in self._solvers if (r, m) == (rtol, max_step) and _SHORTEST * first <= x <= first]
-        key = rtol, max_step, fit[0] if fit else _CAREFUL * first
+        fit = [x for k, m, x in self._solvers if (k, m) == (changes, max_step) and _SHORTEST * first <= x <= first]
+        key = changes, max_step, fit[0] if fit else _CAREFUL * first
         if key not in self._solvers or self._solvers[key].events >= _EVENTS_PER_SOLVER:
             self._solvers[key] = self._make(*key[1:])
             self.work.solvers += 1
@@ -145,7 +145,7 @@ class Cvode:
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             out[0] = now.lookout.at(tau, now.motion.expand(tau, y), y)
 
-        rtol, atol = self._weights.tolerance
+        rtol, atol = self._tolerances.now
         faults = Faults(waits=now.linear_solver.is_sparse)
         own = CVODE(
             faults.of_rates(rate),

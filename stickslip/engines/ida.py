@@ -21,7 +21,7 @@ from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, fol
 from stickslip.engines.solvers.linear_solver import on_pattern, sparsity_pattern
 from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
-from stickslip.engines.solvers.weights import Weights
+from stickslip.engines.solvers.tolerances import SolverTolerances
 from stickslip.engines.work import Work, solved
 from stickslip.equations.algebra.matrices import MatrixBlock, assembled, dense
 from stickslip.equations.balance import component_numbers, self_stress
@@ -47,7 +47,7 @@ class Ida:
 
     def __init__(self, task: Task) -> None:
         self._task = task
-        self._weights = Weights(task)
+        self._tolerances = SolverTolerances(task)
         self.work, self._look_ahead = Work(), LookAhead()
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
@@ -61,7 +61,7 @@ class Ida:
 
     def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress) -> Path:
         size, work = motion.y.size, self.work
-        lookout = Lookout(guards, self._task.interruption, work, self._look_ahead, self._weights)
+        lookout = Lookout(guards, self._task.interruption, work, self._look_ahead, self._tolerances)
         faults = Faults(waits=equations.pattern is not None)
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
@@ -71,7 +71,7 @@ class Ida:
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
             out[0] = lookout.at(tau, u[:size], u)
 
-        options = self._options(motion, equations, horizon)
+        tolerance, options = self._tolerances.now, self._options(motion, equations, horizon)
         solver = IDA(
             faults.of_rates(residual),
             jacfn=faults.of_jacobian(equations.jacobian, equations.unit),
@@ -86,7 +86,7 @@ class Ida:
         work.steps += taus.size - 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
-        path = path_through(motion, taus, points[:, :size].copy(), self._weights.tolerance, "BDF", lookout.found)
+        path = path_through(motion, taus, points[:, :size].copy(), tolerance, "BDF", lookout.found)
         return solved(solution, path)
 
     def _first_step(self, motion: Motion) -> float:
@@ -95,18 +95,19 @@ class Ida:
         Over that step the motion changes by half its tolerance. From rest it is so long that IDA gives up before its
         steps are short enough.
         """
+        rtol, atol = self._tolerances.now
         with np.errstate(all="ignore"):
-            pace = np.abs(motion.first.y[1]) / (self._weights.rtol * np.abs(motion.y) + self._weights.atol)
-        longest = first_step(motion, *self._weights.tolerance)
+            pace = np.abs(motion.first.y[1]) / (rtol * np.abs(motion.y) + atol)
+        longest = first_step(motion, rtol, atol)
         return 0.0 if pace.max(initial=0.0) * longest >= _OWN_STEP else longest
 
     def _options(self, motion: Motion, equations: _Residual, horizon: float) -> dict[str, Any]:
         # IDA tests the errors of the forces, too. Their tolerance is a part of the largest forces in the balance, and
         # never finer than a force that would change a velocity by its tolerance within the motion. The force of the
         # row itself is no scale: it is 0 for a contact that is just being closed, or that nothing pushes.
-        rtol, atol = self._weights.tolerance
-        of_forces = np.maximum(
-            _OF_FORCES * LOCAL * self._task.rtol * equations.force_scale, atol[0] * equations.impulse_scale / horizon
+        (rtol, atol), task = self._tolerances.now, self._task
+        of_forces = LOCAL * np.maximum(
+            _OF_FORCES * task.rtol * equations.force_scale, task.atol[0] * equations.impulse_scale / horizon
         )
         options: dict[str, Any] = {
             "rtol": rtol,

@@ -14,7 +14,11 @@ _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "
 
 _ENDS = ("fold", "end")  # of these a part of a branch has one at its end
 
-_TOGETHER = 0.02  # points this part of the width apart share a text
+# A point: its value, its height, a text, whether the curve rises there, and on which side the arms of a fold lie: 1 or
+# -1, 0 where the point is no fold.
+_Named = tuple[float, float, str, bool, float]
+
+_TOGETHER = 0.02, 0.05  # points these parts of the width and of the height apart share a text
 _ROOM = 0.7  # a point less than this part of the width from both ends has room for its text on either side
 _NEAR = 1e-3  # part of the range of a branch over which its slope is looked at
 
@@ -71,19 +75,20 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     return ax
 
 
-def _write_beside(ax: Any, points: list[tuple[float, float, str, bool, float]]) -> None:
+def _write_beside(ax: Any, points: list[_Named]) -> None:
     """Write the texts of points beside the curve, on either side of it in turn, and within the axes.
 
-    Each point has a value, a height, a text, whether the curve rises there, and on which side the arms of a fold lie:
-    1 or -1, 0 where the point is no fold.
+    Points next to each other share a text, except folds.
     """
-    left, right = ax.get_xlim()
-    texts: list[tuple[float, float, str, bool, float]] = []
-    for point in sorted(points):
-        value, height, text, rises, side = point
-        if texts and not side and not texts[-1][-1] and value - texts[-1][0] < _TOGETHER * (right - left):
-            text = f"{texts.pop()[2]}\n{text}"
-        texts.append((value, height, text, rises, side))
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    near = _TOGETHER[0] * abs(right - left), _TOGETHER[1] * abs(top - bottom)
+    texts: list[_Named] = []
+    for value, height, text, rises, side in sorted(points):
+        last = texts[-1] if texts else None
+        if last and not (side or last[4]) and value - last[0] < near[0] and abs(height - last[1]) < near[1]:
+            texts[-1] = value, height, f"{last[2]}\n{text}", rises, side
+        else:
+            texts.append((value, height, text, rises, side))
     for k, (value, height, text, rises, side) in enumerate(texts):
         is_right = side > 0 if side else k % 2 == 0
         if not side and not left + _ROOM * (right - left) > value > right - _ROOM * (right - left):

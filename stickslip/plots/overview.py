@@ -82,7 +82,7 @@ def overview(
 def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
     found: list[Panel] = [(2.4, partial(velocities, result, some)) for some in _by_unit(result, bodies)]
-    of_blocks = _first(
+    of_blocks = _first_few(
         [(1.4, partial(block, result, own.name)) for own in result.scene.all_blocks], _BLOCK_PANELS, "blocks"
     )
     if not names:
@@ -95,14 +95,14 @@ def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) ->
         found.append((2.2, partial(load_of_contacts, result, of_contacts)))
     elements = limited(result)
     between: list[Panel] = [(1.5, partial(stretch, result, name)) for name in names if name in elements]
-    found += _first(between, _FORCE_PANELS, "gaps and stops")
+    found += _first_few(between, _FORCE_PANELS, "gaps and stops")
     loaded = [name for name in varying(result) if name in names]
     if loaded:
         found.append((1.4, partial(normal_forces, result, loaded)))
     return found + of_blocks
 
 
-def _first(drawings: list[Panel], most: int, what: str) -> list[Panel]:
+def _first_few(drawings: list[Panel], most: int, what: str) -> list[Panel]:
     """Return the first drawings, `most` of them; the last one says how many more there are."""
     shown, more = drawings[:most], len(drawings) - most
     if more > 0:

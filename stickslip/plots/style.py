@@ -66,9 +66,9 @@ def name_of_points(result: Readable) -> str:
     return "times fit for a plot" if result.is_dense else "times that were kept"
 
 
-def few(times: int, most: int) -> tuple[slice, str]:
-    """Return which of many times are marked, and what the legend says of that."""
-    every = max(-(-times // most), 1)
+def few(count: int, most: int) -> tuple[slice, str]:
+    """Return which of many points are marked, `most` of them, and the note for the legend."""
+    every = max(-(-count // most), 1)
     return slice(None, None, every), f", 1 in {every}" if every > 1 else ""
 
 

@@ -191,9 +191,8 @@ def test_where_a_solver_places_a_root_that_it_is_told_of_is_no_end_of_a_step() -
     values = {0.0: 1.0, 0.1: 1.0, 0.2: -1.0}
     motion = SimpleNamespace(has_left=lambda tau, y: False, has_left_in_floats=None, t=0.0)
     guards = SimpleNamespace(smallest=lambda tau, y: values[tau], motion=motion)
-    lookout = Lookout(
-        guards, SimpleNamespace(pressed=False), SimpleNamespace(guard_calls=0), LookAhead(), SimpleNamespace()
-    )  # type: ignore[arg-type]
+    others: Any = SimpleNamespace(pressed=False), SimpleNamespace(guard_calls=0), LookAhead(), SimpleNamespace()
+    lookout = Lookout(guards, *others)  # type: ignore[arg-type]
     for tau in values:
         lookout.at(tau, np.array([tau]), np.array([tau]))
     solution = SimpleNamespace(

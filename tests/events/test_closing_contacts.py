@@ -10,6 +10,7 @@ from scipy.integrate import quad, solve_ivp
 
 from stickslip import (
     GROUND,
+    TIME,
     Body,
     Contact,
     Damper,
@@ -381,6 +382,7 @@ def test_normal_forces_that_only_touch_0() -> None:
     )
     result = simulate(scene, (0.0, 3.0))
     assert result.velocity("a")[-1] == pytest.approx(-0.5, abs=1e-12)
+    assert result.velocity("b")[-1] == 0.0
     assert not result.events
 
 
@@ -404,4 +406,87 @@ def test_kinks_of_functions_within_the_errors_of_the_solver() -> None:
         Contact("e", "led", GROUND, DryFriction(0.3, 0.3), normal=feedback(lambda v: 10.0 * v * v * (v - 0.2), v)),
     )
     result = simulate(scene, (0.0, 3.0), formulation="multiplier")
+    stepped = simulate(scene, (0.0, 3.0), method="RK4", step=2e-4)
+    for body in ("led", "block"):
+        assert result.velocity(body)[-1] == pytest.approx(stepped.velocity(body)[-1], abs=1e-3)
     assert result.stats["restarts"] < 15
+
+
+def pulled(load: Signal, normal: Any, contacts: int) -> Scene:
+    """Return a body of 1 kg under a load on contacts that together carry 0.5 N at rest and 0.4 N in motion."""
+    law = DryFriction(0.5 / contacts, 0.4 / contacts)
+    brakes = [Contact(f"c{i}", "b", GROUND, law, normal=normal) for i in range(contacts)]
+    return Scene(Body("b", inertia=1.0), Force("b", load), *brakes)
+
+
+RISING = feedback(lambda x: 1.0 + 0.1 * x, position("b"))
+
+
+@pytest.mark.parametrize(
+    ("scene", "stop", "options", "breaks", "speed"),
+    [
+        # at the level from the start, while N falls by 1e-6 N/s: v = 0.1 t
+        (pulled(signal(lambda t: 0.5), feedback(lambda t: 1.0 - 1e-6 * t, TIME), 2), 1.0, {}, None, 0.1 + 2e-7),
+        # the load comes to the level at 1 s, by 1e-3 and by 0.05 N/s
+        (pulled(piecewise_linear([0.0, 1.5], [0.499, 0.5005]), RISING, 2), 1.4, {"rtol": 1e-5}, 1.0, None),
+        (pulled(piecewise_linear([0.0, 1.001, 3.0], [0.45, 0.50005, 2.0]), RISING, 10), 1.1, {}, 1.0, None),
+        # the load bends at the level
+        (pulled(piecewise_linear([0, 1000, 1001], [0.499, 0.5, 0.500001]), RISING, 1), 1001.0, {}, 1000.0, None),
+        (
+            pulled(piecewise_linear([0, 1000, 1001], [0.499, 0.5, 0.500001]), RISING, 1),
+            1001.0,
+            {"rtol": 1e-5},
+            1000.0,
+            None,
+        ),
+    ],
+)
+def test_functions_of_the_state_do_not_delay_a_breakaway(
+    scene: Scene, stop: float, options: dict[str, Any], breaks: float | None, speed: float | None
+) -> None:
+    """However slowly a load exceeds the level: in motion contacts carry less."""
+    result = simulate(scene, (0.0, stop), **options)
+    if breaks is not None:
+        assert result.events[0].t == pytest.approx(breaks, rel=1e-7)
+    if speed is not None:
+        assert result.velocity("b")[-1] == pytest.approx(speed, abs=1e-8)
+    assert result.stats["restarts"] < 5
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-5, 1e-6, 1e-7])
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "multiplier"}])
+def test_functions_give_what_sums_give_where_a_velocity_presses_its_own_contact(
+    rtol: float, options: dict[str, Any]
+) -> None:
+    """The normal force v - x / 2 of a body that starts at rest passes 0 with its velocity. The series is exact."""
+
+    def scene(of: Callable[..., Any]) -> Scene:
+        x, v, w = position("b0"), velocity("b0"), velocity("b1")
+        return Scene(
+            Body("b0", inertia=0.1),
+            Body("b1", inertia=1.0, velocity=-1.0, position=0.1),
+            Force("b0", piecewise_linear([0.0, 0.3, 0.5, 1.01], [0.0, 1.0, -1.0, 2.0])),
+            Force("b1", piecewise_linear([0.0, 0.3, 0.5, 1.01], [0.0, 0.01, 0.0, -0.01])),
+            Spring("b0", GROUND, stiffness=1.0),
+            Contact("c0", "b0", GROUND, DryFriction(0.3, 0.3), normal=of(lambda v, x: v - 0.5 * x, v, x)),
+            Contact("c1", "b1", GROUND, DryFriction(1.0, 0.6), normal=of(lambda w, v: 0.01 * v - w, w, v)),
+            Contact("c2", "b0", "b1", DryFriction(0.3, 0.3, dwell=0.1), normal=of(lambda w: 0.001 + 1e-4 * w, w)),
+        )
+
+    exact = simulate(scene(lambda function, *of: function(*of)), (0.0, 1.0))
+    result = simulate(scene(feedback), (0.0, 1.0), rtol=rtol, **options)
+    assert exact.stats["engine"] == "Taylor series"
+    assert result.velocity("b0")[-1] == pytest.approx(exact.velocity("b0")[-1], abs=max(rtol, 1e-6))
+    assert result.stats["restarts"] < 15
+
+
+def test_a_contact_that_holds_next_to_nothing_may_be_viscous() -> None:
+    """N = 0.003 t from 1 s on, and the friction is 5 N s/m w: w = exp(-5 * 0.003 * 3^2 / 2) after 3 s more."""
+    law = DryFriction(1e-10, 1e-10, kinetic=lambda w: 1e-10 + 5.0 * w)
+    scene = Scene(
+        Body("led", inertia=1.0, velocity=0.3, position=-0.3),
+        Body("slides", inertia=1.0, velocity=1.0),
+        Contact("c", "slides", GROUND, law, normal=feedback(lambda x: 0.01 * x, position("led"))),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    assert result.velocity("slides")[-1] == pytest.approx(math.exp(-5.0 * 0.003 * 9.0 / 2.0), abs=1e-7)

@@ -46,8 +46,9 @@ def test_points_stand_in_order_along_each_part(branch: Any, expected: list[list[
 
 def test_points_next_to_each_other_share_a_text() -> None:
     ax = own_axes(None, 6.0, 4.0)
-    ax.set_xlim(0.0, 1.0)
-    _write_beside(
-        ax, [(0.5, 1.0, "first", True, 0.0), (0.51, 1.1, "second", True, 0.0), (0.6, 1.2, "third", True, 0.0)]
-    )
-    assert [text.get_text() for text in ax.texts] == ["first\nsecond", "third"]
+    ax.set(xlim=(1.0, 0.0), ylim=(0.0, 10.0))
+    first, second = (0.5, 1.0, "first", True, 0.0), (0.51, 1.1, "second", True, 0.0)
+    _write_beside(ax, [(0.6, 1.2, "beside", True, 0.0), first, second])
+    assert [text.get_text() for text in ax.texts] == ["first\nsecond", "beside"]
+    _write_beside(ax, [(0.505, 9.0, "above", True, 0.0), second])
+    assert [text.get_text() for text in ax.texts[2:]] == ["above", "second"]

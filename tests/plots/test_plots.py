@@ -235,7 +235,6 @@ def test_many_bodies_become_a_raster(chain):
     drawn(ax)
 
 
-@pytest.mark.slow
 def test_overview_of_many_gaps_says_how_many_are_not_drawn():
     bodies = [Body(f"car {i}", inertia=1.0, velocity=1.0 - 0.1 * i, position=float(i)) for i in range(7)]
     couplers = [Gap(f"c{i}", f"car {i + 1}", f"car {i}", lower=0.5, upper=1.5, stiffness=50.0) for i in range(6)]
@@ -246,6 +245,7 @@ def test_overview_of_many_gaps_says_how_many_are_not_drawn():
     drawn(figure.axes[0])
 
 
+@pytest.mark.slow
 def test_overview_of_many_bodies(chain):
     figure = plots.overview(chain)
     main = figure.axes

@@ -134,12 +134,12 @@ def test_a_damper_ends_stick_slip_where_the_block_does_not_catch_up_any_more() -
     assert np.isnan(branch.periods[2:]).all() and not branch.stable[2:].any()
 
 
-@pytest.mark.slow
 def test_a_bar_shows_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     continue_cycle(belt(0.0), "belt.velocity", [0.1, 0.2, 0.3], progress=True)
     assert "2/2" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_without_a_damper_stick_slip_ends_in_a_family() -> None:
     """At F_s = F_c it meets a cycle that only touches the belt's speed, of a family of neutral cycles that all slip."""
     branch = continue_cycle(belt(0.2), "c.law.mu_static", [1.1, COULOMB])

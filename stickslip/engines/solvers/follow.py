@@ -13,7 +13,7 @@ from stickslip.engines.progress import Interruption, OutOfReach, Progress
 from stickslip.engines.solvers.dips import first_dip
 from stickslip.engines.solvers.guards_along import GuardsAlong
 from stickslip.engines.solvers.passing import back_from_end, back_to_zero
-from stickslip.engines.solvers.weights import Weights
+from stickslip.engines.solvers.tolerances import SolverTolerances
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
@@ -83,10 +83,15 @@ class Lookout:
     """
 
     def __init__(
-        self, guards: Guards, interruption: Interruption, work: Work, look_ahead: LookAhead, weights: Weights
+        self,
+        guards: Guards,
+        interruption: Interruption,
+        work: Work,
+        look_ahead: LookAhead,
+        tolerances: SolverTolerances,
     ) -> None:
         self._guards, self._interruption, self._work, self._look_ahead = guards, interruption, work, look_ahead
-        self._weights = weights
+        self._tolerances = tolerances
         self._has_left = guards.motion.has_left_in_floats or guards.motion.has_left
         self._calls, self._looked_at = 0, 0.0
         self._goes_on = math.isclose(look_ahead.crept, guards.motion.t, rel_tol=1e-12)
@@ -102,17 +107,19 @@ class Lookout:
         self._work.guard_calls += 1
         value = sound(self._guards.smallest(tau, y), tau)
         self.found = value <= 0 < tau
-        ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._labours(tau, y))
+        ends = not self.found and (self._interruption.pressed or self._has_left(tau, y) or self._should_restart(tau, y))
         if not (self.found or ends):
             return value
         self.end = tau, unknowns.copy()
         # only the sign counts from here on, but not 0: solvers ignore a guard that has been exactly 0 since their start
         return -1.0
 
-    def _labours(self, tau: float, y: Array) -> bool:
-        """Tell, after many steps each time, whether the solver creeps or has to go on with other tolerances."""
+    def _should_restart(self, tau: float, y: Array) -> bool:
+        """Tell, after many steps each time, whether the solver creeps; also if its tolerances are adapted then."""
         self._calls += 1
-        return self._calls % _CREEPING == 0 and (self._weights.adapt(self._guards.motion, tau, y) or self._creeps(tau))
+        if self._calls % _CREEPING:
+            return False
+        return self._tolerances.adapt(self._guards.motion, tau, y) or self._creeps(tau)
 
     def _creeps(self, tau: float) -> bool:
         """Tell whether the last steps, many of them, have covered next to no time."""

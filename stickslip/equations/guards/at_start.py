@@ -23,6 +23,7 @@ _AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
 FINEST_ROUNDOFF = 1e-15  # part of its majorant within which a stop is at its limit, and a slope may be 0
 _NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looked at more closely
 _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time
+_SOON = 1e-6  # part of a motion after which a guard is compared with its slope
 _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
 UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
@@ -31,7 +32,6 @@ TIME = 1e-15  # the uncertainty of the time, as a part of it
 # linear: there these coefficients are differences.
 DIFFERENCED = 1e-6
 
-_TINY = np.finfo(float).tiny
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 HIGHEST = 8  # order up to which coefficients are computed where lower ones are 0
 _ORDERS = np.arange(1.0, HIGHEST + 2)[:, None]
@@ -205,8 +205,7 @@ class GuardsAtStart(GuardValues):
             if abs(value) <= limit:
                 continue
             change = abs(value) * horizon**k
-            if k == 1 and change < self.felt[i]:
-                # this slope is no more than the error of a difference, and so are higher orders
+            if k == 1 and change < self.felt[i] and self._misleads(i):
                 return NEVER
             if change > flat:
                 return k if value > 0 else _DOWN
@@ -221,6 +220,15 @@ class GuardsAtStart(GuardValues):
                 return k if value > 0 else _DOWN
         return NEVER
 
+    def _misleads(self, i: int) -> bool:
+        """Tell whether a guard does not follow its slope: then this is but the error of a difference."""
+        motion, tau = self.motion, _SOON * self.motion.horizon
+        y = motion.soon(tau)
+        q = motion.inputs(tau, y, self._wanted)
+        change = float(self.raw(motion.watched(tau, y, q), q)[i]) - self.first[0, i]
+        expected = tau * self.first[1, i]
+        return not abs(change - expected) <= 0.5 * abs(expected)
+
     def _given_at_level(self, i: int) -> float:
         """Return the acceleration of a row by its level and a force as large, which its guard compares while held.
 
@@ -234,7 +242,7 @@ class GuardsAtStart(GuardValues):
 
     @cached_property
     def felt(self) -> Array:
-        """The least forces that a solver feels, at contacts whose normal force depends on the state; 0 at others.
+        """The least normal forces that a solver feels where they depend on the state, and levels as small; else 0.
 
         Up to the horizon such a force changes a velocity by the errors of the solver. A normal force that is a function
         of the state may leave 0 more slowly than any power that is looked at, or be 0 but for its own roundoff.
@@ -242,12 +250,16 @@ class GuardsAtStart(GuardValues):
         found = np.zeros(self.size)
         if self.motion.is_linear or self.velocity_uncertainty is None or not self.rows.has_normals:
             return found
-        system, uncertain = self.motion.system, self.velocity_uncertainty
-        concerned = self.rows.is_force & np.isin(self.row, self.row[self.is_normal])
-        rows = self.row[concerned]
-        found[concerned] = uncertain[rows] / (system.mobility[rows] * self.motion.horizon)
-        of_friction = system.mu_s[:, self.row[self.is_normal]].max(axis=0)
-        found[self.is_normal] /= np.where(of_friction > 0, of_friction, 1.0)
+        system, rows = self.motion.system, self.row[self.is_normal]
+        forces = self.velocity_uncertainty[rows] / (system.mobility[rows] * self.motion.horizon)
+        # coefficients below 1 may grow with the velocity
+        normals = forces / np.maximum(system.largest_coefficient[rows], 1.0)
+        found[self.is_normal] = normals
+        # the levels of a contact that is hardly pressed are as small
+        of_row = np.zeros(system.m)
+        of_row[rows] = np.where(np.abs(self.first[0, self.is_normal]) <= UNFELT * normals, forces, 0.0)
+        levels = self.rows.is_force & ~self.is_normal
+        found[levels] = of_row[self.row[levels]]
         return found
 
     @cached_property

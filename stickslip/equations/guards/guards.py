@@ -392,10 +392,11 @@ class Guards(GuardsAtStart):
     def _offset(self) -> Array | None:
         """How far guards that are 0 at the start may stray beyond it, 0 for all others; None if none may.
 
-        These are guards that stay 0. Guards that leave 0 may stray as far as a solver does not feel: functions with
-        kinks leave 0 only beyond its errors.
+        These are guards that stay 0. Guards that leave 0 and may have kinks are raised by next to nothing: as long as
+        such a guard is exactly 0, it is not negative.
         """
-        found = np.where(self.order == NEVER, self._roundoff[1], np.where(self._leaves, UNFELT * self.felt, 0.0))
+        leaves = np.where(self._leaves & (self.felt > 0), _TINY, 0.0)
+        found = np.where(self.order == NEVER, self._roundoff[1], leaves)
         return found if found.any() else None
 
     @cached_property

@@ -150,7 +150,7 @@ class Follower:
         progress: bool = False,
     ) -> None:
         self._parameter, self._period, self._accuracy, self._folds = parameter, period, accuracy, folds
-        self._progress = progress
+        self._progress, self._name = progress, "beyond a fold" if folds < _MOST_FOLDS else "branch"
         self._points: list[BranchPoint] = []
 
     def period(self, value: float) -> float | None:
@@ -167,7 +167,7 @@ class Follower:
         """
         cycles, beyond = [first], None
         ways = list(pairwise(values.tolist()))
-        for before, value in tqdm(ways, disable=not self._progress, unit="value"):
+        for before, value in tqdm(ways, disable=not self._progress, unit="value", desc=self._name):
             last = Reached(cycles[-1], before)
             near = self._toward(last, value, first_step)
             first_step = 1.0

@@ -1,0 +1,70 @@
+"""The tolerances that a solver is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stickslip.engines.base import LOCAL, Task
+from stickslip.equations.algebra.matrices import row_maxima
+from stickslip.equations.motion import Motion
+from stickslip.model.arrays import Array
+
+# If a spring makes more than so many tolerances of a velocity out of the tolerance of a position, that of positions
+# becomes smaller, until these are so many.
+_TOO_FAR, _NEAR = 1e3, 30.0
+
+_TOO_STRICT = 1e2  # a tolerance that has become so much smaller than asked for, beside a larger state, is adapted, too
+_SLOW = 1e-2  # a body is led if its velocity changes by less than this part of itself while its spring could swing once
+_FINEST = 1e-14  # least relative tolerance
+_ROUNDOFF = 1e-14  # part of the terms of a velocity that is uncertain
+
+
+class SolverTolerances:
+    """The tolerances that a solver is asked for.
+
+    SUNDIALS knows one relative tolerance for all states. Far from 0, that of a position is more than the velocity of a
+    body that a stiff spring leads slowly can bear: what a solver leaves over in positions then is noise in velocities,
+    its steps fail, and no shorter step helps. Where that is seen, the relative tolerance becomes smaller, and absolute
+    ones keep what was asked for of all states but positions, up to roundoff. A method that is not `for_stiff` motions
+    takes steps so short that there is no such noise.
+
+    Attributes
+    ----------
+    now : (float, array (size,))
+        Relative tolerance, and the absolute ones of the states.
+    changes : int
+        How often they have changed.
+    """
+
+    def __init__(self, task: Task, for_stiff: bool = True) -> None:
+        self._asked, self._speeds, self._for_stiff = (LOCAL * task.rtol, LOCAL * task.atol), task.speeds, for_stiff
+        self.now, self.changes = self._asked, 0
+
+    def adapt(self, motion: Motion, tau: float, y: Array) -> bool:
+        """Adapt the tolerances to the state `y`; tell whether they have changed."""
+        if not self._for_stiff:
+            return False
+        (asked, least), (rtol, atol) = self._asked, self.now
+        system = motion.system
+        n, positions = system.n, slice(system.n, system.first_bristle)
+        stiffness = abs(motion.jacobian(tau, y)[:n, positions])
+        frequency = np.sqrt(row_maxima(stiffness))
+        # an error of a position, as a velocity with which its spring would end it
+        speed = (stiffness @ np.abs(y[positions])) / np.where(frequency > 0, frequency, 1.0)
+        sizes = np.abs(y)
+        # a body that its spring lets oscillate needs short steps for that
+        led = np.abs(motion.rate(tau, y)[:n]) < _SLOW * frequency * np.maximum(sizes[:n], self._speeds)
+        wanted = np.maximum(least, asked * sizes)
+        wanted[positions] = least[positions]
+        roundoff = np.where(led, _ROUNDOFF * speed, 0.0)
+        times = float((rtol * speed / wanted[:n]).max(initial=0.0, where=led))
+        is_too_far = times > _TOO_FAR and rtol > _FINEST
+        is_too_fine = bool((roundoff > atol[:n]).any())
+        is_too_strict = bool((asked * sizes[:n] > _TOO_STRICT * (rtol * sizes[:n] + atol[:n])).any())
+        if not (is_too_far or is_too_fine or is_too_strict):
+            return False
+        # as positions grow, so does their roundoff
+        wanted[:n] = np.maximum(wanted[:n], 2 * roundoff)
+        self.now = max(rtol * _NEAR / times, _FINEST) if is_too_far else rtol, wanted
+        self.changes += 1
+        return True
