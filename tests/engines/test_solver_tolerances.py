@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
-    Block,
     Body,
     Contact,
     Damper,
@@ -69,20 +68,6 @@ def test_tolerances_grow_with_the_roundoff_of_a_long_way() -> None:
     """Over 60 waves a solver that keeps the absolute tolerances of its start takes 1.6 times as many steps."""
     result = simulate(slow_guide(), (0.0, 60.0 * WAVE / SPEED))
     assert result.stats["steps"] < 22_000
-
-
-@pytest.mark.parametrize("options", [{}, {"formulation": "multiplier"}])
-def test_other_states_keep_their_tolerances(options: dict[str, Any]) -> None:
-    """Alone, an oscillator of 0.1 rad/s takes 8,000 steps in 2000 s, and many more at a relative tolerance of 1e-13."""
-
-    def swings(t: float, x: list[float], u: list[float]) -> list[float]:
-        return [x[1], -0.01 * x[0] * (1.0 + 0.1 * x[0] ** 2)]
-
-    block = Block(
-        "block", inputs=[position("slider")], states=[1.0, 0.0], derivative=swings, output=lambda t, x, u: [x[0]]
-    )
-    scene = Scene(*slow_guide().elements, block)
-    assert simulate(scene, (0.0, 2.0 * WAVE / SPEED), rtol=1e-6, **options).stats["steps"] < 11_000
 
 
 def test_mobility_of_rows() -> None:

@@ -13,7 +13,6 @@ from stickslip.model.arrays import Array
 # becomes smaller, until these are so many.
 _TOO_FAR, _NEAR = 1e3, 30.0
 
-_TOO_STRICT = 1e2  # a tolerance that has become so much smaller than asked for, beside a larger state, is adapted, too
 _SLOW = 1e-2  # a body is led if its velocity changes by less than this part of itself while its spring could swing once
 _FINEST = 1e-14  # least relative tolerance
 _ROUNDOFF = 1e-14  # part of the terms of a velocity that is uncertain
@@ -25,8 +24,7 @@ class SolverTolerances:
     SUNDIALS knows one relative tolerance for all states. Far from 0, that of a position is more than the velocity of a
     body that a stiff spring leads slowly can bear: what a solver leaves over in positions then is noise in velocities,
     its steps fail, and no shorter step helps. Where that is seen, the relative tolerance becomes smaller, and absolute
-    ones keep what was asked for of all states but positions, up to roundoff. A method that is not `for_stiff` motions
-    takes steps so short that there is no such noise.
+    ones no less than roundoff. A method that is not `for_stiff` motions takes short steps, without such noise.
 
     Attributes
     ----------
@@ -47,24 +45,23 @@ class SolverTolerances:
         (asked, least), (rtol, atol) = self._asked, self.now
         system = motion.system
         n, positions = system.n, slice(system.n, system.first_bristle)
-        stiffness = abs(motion.jacobian(tau, y)[:n, positions])
+        jacobian = abs(motion.jacobian(tau, y)[:n])
+        stiffness, damping = jacobian[:, positions], row_maxima(jacobian[:, :n])
         frequency = np.sqrt(row_maxima(stiffness))
-        # an error of a position, as a velocity with which its spring would end it
-        speed = (stiffness @ np.abs(y[positions])) / np.where(frequency > 0, frequency, 1.0)
-        sizes = np.abs(y)
+        # an error of a position, as the velocity with which its spring ends it: damping makes that slower
+        speed = (stiffness @ np.abs(y[positions])) / np.where(frequency > 0, np.maximum(frequency, damping), 1.0)
+        sizes = np.abs(y[:n])
         # a body that its spring lets oscillate needs short steps for that
-        led = np.abs(motion.rate(tau, y)[:n]) < _SLOW * frequency * np.maximum(sizes[:n], self._speeds)
-        wanted = np.maximum(least, asked * sizes)
-        wanted[positions] = least[positions]
+        led = np.abs(motion.rate(tau, y)[:n]) < _SLOW * frequency * np.maximum(sizes, self._speeds)
         roundoff = np.where(led, _ROUNDOFF * speed, 0.0)
-        times = float((rtol * speed / wanted[:n]).max(initial=0.0, where=led))
+        times = float((rtol * speed / np.maximum(least[:n], asked * sizes)).max(initial=0.0, where=led))
         is_too_far = times > _TOO_FAR and rtol > _FINEST
-        is_too_fine = bool((roundoff > atol[:n]).any())
-        is_too_strict = bool((asked * sizes[:n] > _TOO_STRICT * (rtol * sizes[:n] + atol[:n])).any())
-        if not (is_too_far or is_too_fine or is_too_strict):
-            return False
         # as positions grow, so does their roundoff
-        wanted[:n] = np.maximum(wanted[:n], 2 * roundoff)
-        self.now = max(rtol * _NEAR / times, _FINEST) if is_too_far else rtol, wanted
+        is_too_fine = self.changes > 0 and bool((roundoff > atol[:n]).any())
+        if not (is_too_far or is_too_fine):
+            return False
+        atol = least.copy()
+        atol[:n] = np.maximum(least[:n], 2 * roundoff)
+        self.now = max(rtol * _NEAR / times, _FINEST) if is_too_far else rtol, atol
         self.changes += 1
         return True

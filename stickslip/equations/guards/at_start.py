@@ -25,6 +25,7 @@ _NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looke
 _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time
 _SOON = 1e-6  # part of a motion after which a guard is compared with its slope
 _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
+_HARDLY = 1e-3  # part of the least normal force that a solver feels below which a contact is hardly pressed
 UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
 
@@ -205,7 +206,7 @@ class GuardsAtStart(GuardValues):
             if abs(value) <= limit:
                 continue
             change = abs(value) * horizon**k
-            if k == 1 and change < self.felt[i] and self._misleads(i):
+            if k == 1 and change < self.felt[i] and (self._misleads(i) or not self.is_normal[i]):
                 return NEVER
             if change > flat:
                 return k if value > 0 else _DOWN
@@ -257,7 +258,7 @@ class GuardsAtStart(GuardValues):
         found[self.is_normal] = normals
         # the levels of a contact that is hardly pressed are as small
         of_row = np.zeros(system.m)
-        of_row[rows] = np.where(np.abs(self.first[0, self.is_normal]) <= UNFELT * normals, forces, 0.0)
+        of_row[rows] = np.where(np.abs(self.first[0, self.is_normal]) <= _HARDLY * normals, forces, 0.0)
         levels = self.rows.is_force & ~self.is_normal
         found[levels] = of_row[self.row[levels]]
         return found

@@ -246,7 +246,7 @@ class Guards(GuardsAtStart):
             if not rows.size:
                 continue
             start = self.first if k == 1 else self.start
-            rest = g[rows] - like(start[0, rows], g)
+            rest = g[rows] - like(self._start_values[rows], g)
             if k == 2:
                 rest -= tau * like(self._falls, g)
             known = tau > like(settled[rows], g)
@@ -333,9 +333,9 @@ class Guards(GuardsAtStart):
         if self._offset is not None:
             g += self._offset[:, None]
         first = (self.order == 1).nonzero()[0]
-        g[first] -= self.first[0, first, None]
+        g[first] -= self._start_values[first, None]
         if self._bent.size:
-            g[self._bent] -= self.start[0, self._bent, None] + np.multiply.outer(self._falls, taus)
+            g[self._bent] -= self._start_values[self._bent, None] + np.multiply.outer(self._falls, taus)
 
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state, with the leeway of velocities added."""
@@ -387,6 +387,15 @@ class Guards(GuardsAtStart):
     def _leaves(self) -> Mask:
         """Guards that leave 0."""
         return np.asarray((self.order > 0) & (self.order < NEVER))
+
+    @cached_property
+    def _start_values(self) -> Array:
+        """What is subtracted from guards that leave 0: their values at the start.
+
+        A contact that is hardly pressed may be so for long: its positive guard comes to 0 where it does.
+        """
+        found: Array = self.first[0]
+        return np.where(self.felt > 0, np.minimum(found, 0.0), found) if self.felt.any() else found
 
     @cached_property
     def _offset(self) -> Array | None:
