@@ -21,7 +21,6 @@ from stickslip import (
     position,
     simulate,
 )
-from stickslip.simulation.simulate import compiled
 
 SPEED, STIFFNESS, WAVE = 1e-7, 1e6, 1e-4
 
@@ -68,14 +67,3 @@ def test_tolerances_grow_with_the_roundoff_of_a_long_way() -> None:
     """Over 60 waves a solver that keeps the absolute tolerances of its start takes 1.6 times as many steps."""
     result = simulate(slow_guide(), (0.0, 60.0 * WAVE / SPEED))
     assert result.stats["steps"] < 22_000
-
-
-def test_mobility_of_rows() -> None:
-    """A force of 1 N between two bodies moves them apart by 1 / m_a + 1 / m_b; levers count twice."""
-    scene = Scene(
-        Body("a", inertia=2.0),
-        Body("b", inertia=4.0),
-        Contact("c", "a", "b", DryFriction(0.1, 0.1), normal=1.0),
-        Contact("d", "a", GROUND, DryFriction(0.1, 0.1), normal=1.0, radius_a=3.0),
-    )
-    assert compiled(scene).mobility == pytest.approx([0.75, 4.5])
