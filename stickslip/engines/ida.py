@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.engines.base import LOCAL, Method, Task
+from stickslip.engines.base import Method, Task
 from stickslip.engines.progress import Progress
 from stickslip.engines.solvers.faults import Faults
 from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, follow, longest_step
@@ -105,10 +105,8 @@ class Ida:
         # IDA tests the errors of the forces, too. Their tolerance is a part of the largest forces in the balance, and
         # never finer than a force that would change a velocity by its tolerance within the motion. The force of the
         # row itself is no scale: it is 0 for a contact that is just being closed, or that nothing pushes.
-        (rtol, atol), task = self._tolerances.now, self._task
-        of_forces = LOCAL * np.maximum(
-            _OF_FORCES * task.rtol * equations.force_scale, task.atol[0] * equations.impulse_scale / horizon
-        )
+        (rtol, atol), (asked, least) = self._tolerances.now, self._tolerances.asked
+        of_forces = np.maximum(_OF_FORCES * asked * equations.force_scale, least[0] * equations.impulse_scale / horizon)
         options: dict[str, Any] = {
             "rtol": rtol,
             "atol": np.concatenate([atol, of_forces]),
@@ -166,7 +164,7 @@ class _Residual:
                 normal = motion.normals(tau, motion.y)[held]
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
-        self.impulse_scale = 1.0 / system.mobility[held]
+        self.impulse_scale = 1.0 / system.free_mobility[held]
 
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in the balance, the other states' rates, and the constraint."""

@@ -292,7 +292,7 @@ class System:
         return self.matrix(entries, (self.drives, self.drives))
 
     @cached_property
-    def mobility(self) -> Array:
+    def free_mobility(self) -> Array:
         """The relative acceleration of each row (m,) by a force of 1 N or N m along it, if no row is held.
 
         A body without inertia moves only with others: it counts as the lightest body that has one.

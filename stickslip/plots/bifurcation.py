@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.plots.style import AS_IT_IS, COLOURS, STUDY, check_is, own_axes, within_or_beside
-from stickslip.results.units import units
+from stickslip.results.units import units_of_body
 
 # The marker of each kind of point on a branch.
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
@@ -107,7 +107,7 @@ def _write_beside(ax: Any, points: list[_Named]) -> None:
 def _unit(branch: Any, body: str) -> str:
     """Return the unit of a body's position; for the ground, the unit of all bodies together."""
     scene = next(cycle.scene for one in _chain(branch) for cycle in one.cycles if cycle is not None)
-    return units(scene, *(one for one in (*scene.bodies, *scene.drives) if one.name == body)).position
+    return units_of_body(scene, body).position
 
 
 def _chain(branch: Any) -> list[Any]:

@@ -37,7 +37,7 @@ from stickslip.plots.style import (
     value_raster,
 )
 from stickslip.results.readable import Readable
-from stickslip.results.units import units
+from stickslip.results.units import units, units_of_body
 
 _MARKS = 300  # about so many computed times are marked on a characteristic
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # missing values hide the lines at events
@@ -182,8 +182,7 @@ def phase_portrait(result: Readable, contact: str, *, body: str | None = None, a
         names = "relative displacement", "relative velocity"
     else:
         x, w = fine.position(body), fine.velocity(body)
-        moving = [one for one in (*result.scene.bodies, *result.scene.drives) if one.name == body]
-        unit, names = units(result.scene, *moving), (f"position of {body}", f"velocity of {body}")
+        unit, names = units_of_body(result.scene, body), (f"position of {body}", f"velocity of {body}")
     ax = own_axes(ax, 6.0, 4.2)
     ax.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
     ax.plot(x, w, label="trajectory", zorder=1, **look(0))

@@ -49,6 +49,11 @@ def units(scene: Scene, *elements: Any) -> Units:
     return _OF[motions.pop()] if len(motions) == 1 else _BOTH
 
 
+def units_of_body(scene: Scene, name: str) -> Units:
+    """Return the units of a body or drive; for the ground those of all together."""
+    return units(scene, *(one for one in (*scene.bodies, *scene.drives) if one.name == name))
+
+
 def _motion(scene: Scene, element: Any) -> MotionKind | None:
     """Return the kind of motion in whose units an element's quantities are measured; None where it is not known."""
     if isinstance(element, (Body, Drive)):

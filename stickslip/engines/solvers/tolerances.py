@@ -28,21 +28,21 @@ class SolverTolerances:
 
     Attributes
     ----------
-    now : (float, array (size,))
-        Relative tolerance, and the absolute ones of the states.
+    asked, now : (float, array (size,))
+        Relative tolerance, and the absolute ones of the states: at first, and now.
     changes : int
         How often they have changed.
     """
 
     def __init__(self, task: Task, for_stiff: bool = True) -> None:
-        self._asked, self._speeds, self._for_stiff = (LOCAL * task.rtol, LOCAL * task.atol), task.speeds, for_stiff
-        self.now, self.changes = self._asked, 0
+        self.asked, self._speeds, self._for_stiff = (LOCAL * task.rtol, LOCAL * task.atol), task.speeds, for_stiff
+        self.now, self.changes = self.asked, 0
 
     def adapt(self, motion: Motion, tau: float, y: Array) -> bool:
         """Adapt the tolerances to the state `y`; tell whether they have changed."""
         if not self._for_stiff:
             return False
-        (asked, least), (rtol, atol) = self._asked, self.now
+        (asked, least), (rtol, atol) = self.asked, self.now
         system = motion.system
         n, positions = system.n, slice(system.n, system.first_bristle)
         jacobian = abs(motion.jacobian(tau, y)[:n])

@@ -26,7 +26,7 @@ _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the ti
 _SOON = 1e-6  # part of a motion after which a guard is compared with its slope
 _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion does so at once
 _HARDLY = 1e-3  # part of the least normal force that a solver feels below which a contact is hardly pressed
-UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
+_UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
 
 # The uncertainty of second and higher Taylor coefficients, as a part of their majorants, in motions that are not
@@ -182,8 +182,7 @@ class GuardsAtStart(GuardValues):
         elif of_stop and not has_fired:
             # a stop in flight counts as open down to roundoff: at its limit it rebounds
             tolerance = FINEST_ROUNDOFF * majorant[0, i]
-        unfelt = UNFELT * self.felt[i]
-        tolerance, rough = tolerance + unfelt, rough + unfelt
+        tolerance, rough = tolerance + self.unfelt[i], rough + self.unfelt[i]
         if not abs(coefficients[0, i]) <= tolerance:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
@@ -224,13 +223,11 @@ class GuardsAtStart(GuardValues):
     def _misleads(self, i: int) -> bool:
         """Tell whether a guard does not follow its slope: then this is but the error of a difference."""
         motion, tau = self.motion, _SOON * self.motion.horizon
-        y = motion.soon(tau)
         try:
-            q = motion.inputs(tau, y, self._wanted)
+            change = float(self.raw_at(tau, motion.soon(tau))[i]) - self.first[0, i]
         except (ArithmeticError, ValueError):
             # a function that fails there fails again if the motion comes there
             return True
-        change = float(self.raw(motion.watched(tau, y, q), q)[i]) - self.first[0, i]
         expected = tau * self.first[1, i]
         return not abs(change - expected) <= 0.5 * abs(expected)
 
@@ -256,7 +253,7 @@ class GuardsAtStart(GuardValues):
         if self.motion.is_linear or self.velocity_uncertainty is None or not self.rows.has_normals:
             return found
         system, rows = self.motion.system, self.row[self.is_normal]
-        forces = self.velocity_uncertainty[rows] / (system.mobility[rows] * self.motion.horizon)
+        forces = self.velocity_uncertainty[rows] / (system.free_mobility[rows] * self.motion.horizon)
         # coefficients below 1 may grow with the velocity
         normals = forces / np.maximum(system.largest_coefficient[rows], 1.0)
         found[self.is_normal] = normals
@@ -266,6 +263,11 @@ class GuardsAtStart(GuardValues):
         levels = self.rows.is_force & ~self.is_normal
         found[levels] = of_row[self.row[levels]]
         return found
+
+    @cached_property
+    def unfelt(self) -> Array:
+        """Forces that count as 0, see `felt`; 0 where all forces count."""
+        return _UNFELT * self.felt
 
     @cached_property
     def _never(self) -> Mask:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.floats import smallest_of
-from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, UNFELT, GuardsAtStart
+from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
@@ -129,8 +129,7 @@ class Guards(GuardsAtStart):
         """Local times until which guards that leave 0 are roundoff, and how far guards that stay 0 may stray from 0."""
         g = self.start if self._bent.size else self.first
         noise = ROUNDOFF * self.majorant
-        unfelt = UNFELT * self.felt
-        rough = ROUNDOFF * self.scale + noise[0] + unfelt
+        rough = ROUNDOFF * self.scale + noise[0] + self.unfelt
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
         for k in set(self.order[self._leaves].tolist()):
             rows = (self.order == k).nonzero()[0]
@@ -147,7 +146,7 @@ class Guards(GuardsAtStart):
         flat = np.where(
             self.is_velocity,
             rough + 1e2 * noise[1] * self.motion.horizon,
-            AT_LIMIT * self.scale + noise[0] + unfelt,
+            AT_LIMIT * self.scale + noise[0] + self.unfelt,
         )
         # a velocity that stays 0 may drift by roundoff over the whole motion; that of a row that lets go will move
         flat[self.lets_go] = rough[self.lets_go]
@@ -228,8 +227,7 @@ class Guards(GuardsAtStart):
 
         If `with_leeway`, the leeway is added: velocities are negative only once they have passed 0.
         """
-        q = self.motion.inputs(tau, y, self._wanted)
-        g = self.raw(self.motion.watched(tau, y, q), q)
+        g = self.raw_at(tau, y)
         if with_leeway and self.velocity_uncertainty is not None:
             g += like(self.leeway, g)
         return self._divided(g, tau)
@@ -256,8 +254,7 @@ class Guards(GuardsAtStart):
 
     def undivided(self, taus: Array, y: Array) -> Array:
         """Return the guards at local times from the states; guards that leave 0 less their values at the start."""
-        q = self.motion.inputs(taus, y, self._wanted)
-        g = self.raw(self.motion.watched(taus, y, q), q)
+        g = self.raw_at(taus, y)
         if not self.is_plain:
             self._subtract_start(g, taus)
         return g
@@ -394,8 +391,8 @@ class Guards(GuardsAtStart):
 
         A contact that is hardly pressed may be so for long: its positive guard comes to 0 where it does.
         """
-        found: Array = self.first[0]
-        return np.where(self.felt > 0, np.minimum(found, 0.0), found) if self.felt.any() else found
+        found = self.first[0]
+        return np.asarray(np.where(self.felt > 0, np.minimum(found, 0.0), found))
 
     @cached_property
     def _offset(self) -> Array | None:

@@ -81,6 +81,11 @@ class GuardValues:
             g[rows.rising] -= rows.rise[column] * q[rows.dwell]
         return g
 
+    def raw_at(self, tau: float | Array, y: Array) -> Array:
+        """Return the guards at local times from the states, their zeros not divided out."""
+        q = self.motion.inputs(tau, y, self._wanted)
+        return self.raw(self.motion.watched(tau, y, q), q)
+
     def series(self, expansion: Expansion) -> Array:
         """Return the Taylor coefficients of the guards, their zeros not divided out, one row per order."""
         rows = self.rows
