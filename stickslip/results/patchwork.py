@@ -13,11 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.algebra.polynomials import shifted
 from stickslip.equations.loads.drives import Drives
 from stickslip.equations.loads.sines import Sines
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, OPEN
-from stickslip.equations.path import Path
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -462,32 +460,3 @@ class Patchwork(PickledByFields):
         stop = self.starts[k + 1] if k + 1 < self.starts.size else self.stop
         inner = ticks[(ticks > self.starts[k]) & (ticks < stop)]
         return np.concatenate([[self.starts[k]], np.unique(inner), [stop]])
-
-    def path(self, k: int) -> Path:
-        """Return the states of the whole scene over a piece."""
-        system, ends = self.system, self.ends(k)
-        t, stop = float(ends[0]), float(ends[-1])
-        width = self.bodies.terms.shape[1] + 1
-        if stop <= t:
-            last = self.states(np.array([k]), np.array([t]))[:, 0]
-            return Path(np.zeros(1), np.zeros((0, width, system.size)), last, True)
-        ticks = self._ticks(np.full(ends.size - 1, k), ends[:-1])
-        entry = self.bodies.valid(ticks, slice(None)).spread(np.arange(self.bodies.tick.size))
-        begins = self.states(np.full(ends.size - 1, k), ends[:-1])
-        coefficients = np.zeros((ends.size - 1, width, system.size))
-        coefficients[:, 0, system.n :] = begins[system.n :].T
-        for i in range(ends.size - 1):
-            h = (ends[i + 1] - ends[i]) / self.unit
-            own = entry[:, i]
-            s = (ends[i] - self.bodies.origin[own]) / self.unit
-            v = shifted(self.bodies.terms[own], s)
-            v[:, 0] = begins[: system.n, i]
-            stretched = h ** np.arange(width - 1)
-            coefficients[i, :-1, : system.n] = (v * stretched).T
-            x = v * stretched * (h * self.unit / np.arange(1, width))
-            if system.placed.size:
-                coefficients[i, 1:, system.moved_state] = x[system.moved]
-                moved = self.drives.moved(system.carried, ends[i], h * self.unit, width - 1)
-                coefficients[i, 1:, system.carried_state] = moved[:, 1:]
-        last = self.states(np.array([k]), np.array([stop]))[:, 0]
-        return Path(ends - t, coefficients, last, True)

@@ -47,14 +47,14 @@ class Piece:
         return self.stop - self.t if self.path is None else float(self.path.taus[-1])
 
     @classmethod
-    def of(cls, patchwork: Patchwork, k: int, path: Path | None) -> Piece:
-        """Return one piece of a patchwork."""
+    def of(cls, patchwork: Patchwork, k: int) -> Piece:
+        """Return one piece of a patchwork, without its states in between."""
         at, t = np.array([k]), patchwork.starts[k : k + 1]
         inner, shown = patchwork.modes(at, t)
         since, regions = patchwork.since_when(at, t)[:, 0], patchwork.regions(at, t)[:, 0]
         y = patchwork.states(at, t)[:, 0]
         stop = float(patchwork.stops[k])
-        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since, regions, None, None, path)
+        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since, regions, None, None, None)
 
 
 class WholePieces:
@@ -175,7 +175,7 @@ class Pieces(PickledByFields, Sequence[Piece]):
         if isinstance(number, slice):
             return [self[k] for k in range(len(self))[number]]
         part, k = self.part(range(len(self))[number])
-        return part if isinstance(part, Piece) else Piece.of(part, k, part.path(k))
+        return part if isinstance(part, Piece) else Piece.of(part, k)
 
     def part(self, number: int) -> tuple[Piece | Patchwork, int]:
         """Return the part that holds a piece, and the number of the piece there."""

@@ -6,7 +6,7 @@ the same table. In patchworks of large scenes each name is computed by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -462,57 +462,32 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
 
     `integrand` returns a table of `lines` lines at the times of the samples that it is given.
     """
-    trajectory = samples.trajectory
-    out, base = np.zeros((lines, samples.t.size)), np.zeros(lines)
+    trajectory, out = samples.trajectory, np.zeros((lines, samples.t.size))
     if not samples.t.size:
         return out
-    inside = dict(grouped(samples.piece_of))
-    with one_thread(samples.system):
-        for block in _blocks(samples, inside):
-            for (number, edges), steps in zip(block, _over(trajectory, block, integrand), strict=True):
-                sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
-                if number in inside:
-                    places = np.arange(samples.t.size)[inside[number]]
-                    taus = samples.taus[places]
-                    within = (taus >= edges[0]) & (taus <= edges[-1])
-                    out[:, places[within]] = sums[:, edges.searchsorted(taus[within])]
-                base = sums[:, -1]
-    return out
-
-
-def _blocks(samples: Samples, inside: Mapping[int, Indices | slice]) -> Iterator[list[tuple[int, Array]]]:
-    """Yield blocks of limited size to integrate at once: pieces, and local times between which they are smooth.
-
-    `inside` says which of the samples lie in each piece.
-    """
+    wanted = dict(grouped(samples.piece_of))
+    edges = [_edges(trajectory, k, samples.taus[wanted.get(k, slice(0))]) for k in range(max(wanted) + 1)]
+    sizes = np.array([one.size for one in edges])
+    number, taus = np.arange(sizes.size).repeat(sizes), np.concatenate(edges)
+    # how many intervals lie before each of the samples: a piece has one less than edges
+    before = (number + 1j * taus).searchsorted(samples.piece_of + 1j * samples.taus) - samples.piece_of
+    begins = (number[1:] == number[:-1]).nonzero()[0]
     most = max(_VALUES_AT_ONCE // (_MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)), 1)
-    block: list[tuple[int, Array]] = []
-    total = 0
-    for number in range(max(inside) + 1):
-        wanted = samples.taus[inside[number]] if number in inside else np.empty(0)
-        edges = _edges(samples.trajectory, number, wanted)
-        for first in range(0, max(edges.size - 1, 1), most):
-            block.append((number, edges[first : first + most + 1]))
-            total += block[-1][1].size
-            if total >= most:
-                yield block
-                block, total = [], 0
-    if block:
-        yield block
-
-
-def _over(trajectory: Trajectory, block: list[tuple[int, Array]], integrand: Callable[[Samples], Array]) -> list[Array]:
-    """Return the integrals between the local times of each entry of a block."""
-    order = max(trajectory.order(number) for number, _ in block)
-    nodes, weights = gauss_nodes(min(order + 1, _MOST_NODES))
-    middle = np.concatenate([0.5 * (edges[1:] + edges[:-1]) for _, edges in block])
-    half = np.concatenate([0.5 * (edges[1:] - edges[:-1]) for _, edges in block])
-    sizes = np.array([edges.size - 1 for _, edges in block])
-    piece_of = np.repeat(np.array([number for number, _ in block], dtype=np.intp), sizes * nodes.size)
-    at = Samples.at_local(trajectory, piece_of, (middle[:, None] + half[:, None] * nodes).ravel())
-    values = integrand(at)
-    steps = (values.reshape(values.shape[0], -1, nodes.size) @ weights) * half
-    return np.split(steps, np.cumsum(sizes)[:-1], axis=1)
+    base = np.zeros((lines, 1))
+    with one_thread(samples.system):
+        for first in range(0, begins.size, most):
+            some = begins[first : first + most]
+            order = max(trajectory.order(k) for k in np.unique(number[some]).tolist())
+            nodes, weights = gauss_nodes(min(order + 1, _MOST_NODES))
+            middle, half = 0.5 * (taus[some + 1] + taus[some]), 0.5 * (taus[some + 1] - taus[some])
+            places = (middle[:, None] + half[:, None] * nodes).ravel()
+            values = integrand(Samples.at_local(trajectory, number[some].repeat(nodes.size), places))
+            steps = (values.reshape(lines, -1, nodes.size) @ weights) * half
+            sums = base + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
+            within = ((before >= first) & (before <= first + some.size)).nonzero()[0]
+            out[:, within] = sums[:, before[within] - first]
+            base = sums[:, -1:]
+    return out
 
 
 def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,6 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.steps import Steps
 from stickslip.results.trajectory import Trajectory
 
 _STRAIGHT = 1e-3  # how far straight lines between the times may be off, as a part of each quantity's range
@@ -59,7 +58,7 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     patchworks = trajectory.patchworks
     steps = _step_ranges(trajectory)
     allowed = _allowed(trajectory, steps, patchworks)
-    parts = _clipped(steps.worst(allowed))
+    parts = _clipped((steps.bends / allowed).max(axis=1, initial=0.0))
     if not patchworks:
         return _cut(steps.begins, parts, steps.counts)
     found = [(steps.begins, parts, steps.counts)]
@@ -113,41 +112,26 @@ class _StepRanges(NamedTuple):
     begins: Array  # (k,): local time in s at which each step begins; the last step of a path has length 0
     counts: Indices  # (p,): how many steps each path has
     distances: Array  # (k, n): how far the bodies come in each step
-    # bounds of second derivatives (steps, quantities), with each step scaled to length 1; an array per block of steps
-    bends: tuple[Array, ...]
-    # (states,): smallest and largest values in all steps
+    bends: Array  # (k, quantities): bounds of second derivatives, with each step scaled to length 1
+    # (blocks of steps, states): smallest and largest values
     low: Array
     high: Array
-
-    @classmethod
-    def at(cls, steps: Steps, n: int) -> _StepRanges:
-        """Return ranges and bounds in the steps of some paths, in a scene with `n` bodies."""
-        h = steps.lengths[:, None]
-        values_and_integral, derivatives = _weights(steps.coefficients.shape[1], steps.is_chebyshev)
-        values = values_and_integral @ steps.coefficients
-        size = derivatives @ np.abs(steps.coefficients)
-        bends = np.concatenate([size[:, 0], size[:, 1, :n] * h], axis=1)
-        low, high = values.min(axis=0)[:-1].min(axis=0), values.max(axis=0)[:-1].max(axis=0)
-        return cls(steps.begins, steps.counts, values[:, -1, :n] * h, (bends,), low, high)
-
-    def worst(self, allowed: Array) -> Array:
-        """Return the largest bound in each step, as a part of what is allowed."""
-        parts = [(bends / allowed).max(axis=1, initial=0.0) for bends in self.bends]
-        return parts[0] if len(parts) == 1 else np.concatenate([np.empty(0), *parts])
 
 
 def _step_ranges(trajectory: Trajectory) -> _StepRanges:
     """Return ranges and bounds in the steps of all paths."""
     n, size = trajectory.system.n, trajectory.system.size
-    found = [_StepRanges.at(steps, n) for steps in trajectory.whole.steps]
-    if len(found) == 1:
-        return found[0]
-    none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n))
-    begins, counts, distances = map(np.concatenate, zip(none, *(one[:3] for one in found), strict=True))
-    bends = tuple(own for one in found for own in one.bends)
-    low = reduce(np.minimum, [one.low for one in found], np.full(size, np.inf))
-    high = reduce(np.maximum, [one.high for one in found], np.full(size, -np.inf))
-    return _StepRanges(begins, counts, distances, bends, low, high)
+    none = np.full((1, size), np.inf)
+    found = [(np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n)), np.empty((0, size + n)), none, -none)]
+    for steps in trajectory.whole.steps:
+        h = steps.lengths[:, None]
+        values_and_integral, derivatives = _weights(steps.coefficients.shape[1], steps.is_chebyshev)
+        values = values_and_integral @ steps.coefficients
+        sizes = derivatives @ np.abs(steps.coefficients)
+        bends = np.concatenate([sizes[:, 0], sizes[:, 1, :n] * h], axis=1)
+        low, high = (extreme(extreme(values, axis=0)[:-1], axis=0)[None] for extreme in (np.min, np.max))
+        found.append((steps.begins, steps.counts, values[:, -1, :n] * h, bends, low, high))
+    return _StepRanges(*map(np.concatenate, zip(*found, strict=True)))
 
 
 def _allowed(trajectory: Trajectory, steps: _StepRanges, patchworks: Sequence[Patchwork]) -> Array:
@@ -155,8 +139,8 @@ def _allowed(trajectory: Trajectory, steps: _StepRanges, patchworks: Sequence[Pa
     system = trajectory.system
     n, size = system.n, system.size
     travel = _travel(trajectory, steps, patchworks)
-    low = np.concatenate([steps.low, travel.min(axis=0, initial=0.0)])
-    high = np.concatenate([steps.high, travel.max(axis=0, initial=0.0)])
+    low = np.concatenate([steps.low.min(axis=0), travel.min(axis=0, initial=0.0)])
+    high = np.concatenate([steps.high.max(axis=0), travel.max(axis=0, initial=0.0)])
     for part in patchworks:
         (slow, near), (fast, far) = part.ranges
         low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)

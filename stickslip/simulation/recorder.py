@@ -63,7 +63,7 @@ class Recorder:
         self._states.append(patchwork.states(piece, times))
         numbers, counts = np.unique(piece, return_counts=True)
         self._counts += counts.tolist()
-        self._pieces += [Piece.of(patchwork, k, None) for k in numbers.tolist()]
+        self._pieces += [Piece.of(patchwork, k) for k in numbers.tolist()]
 
     def _outputs_until(self, stop: float) -> Array:
         """Return the output times since the last call that have to be computed now: none where paths are kept."""

@@ -33,7 +33,7 @@ from stickslip.events.endings import alone_at_limit, at_limit
 UNCERTAIN = 1e-6
 
 
-def ending(*velocities: float) -> tuple[Motion, Guards, Path]:
+def ending(*velocities: float, uncertain: float = UNCERTAIN) -> tuple[Motion, Guards, Path]:
     """Blocks that slide with 1 m/s, and have these velocities where the first of them ends the motion."""
     names = [f"b{i}" for i in range(len(velocities))]
     law = DryFriction(0.2, 0.2)
@@ -45,7 +45,7 @@ def ending(*velocities: float) -> tuple[Motion, Guards, Path]:
     forward, none = np.ones(system.m, dtype=np.int8), np.zeros(system.m, dtype=bool)
     y = system.at_start()
     motion = Motion(equations_in(forward, system), system.loads(0.0, 2.0).after(0.0), 0.0, y, np.zeros(system.m))
-    guards = Guards(motion, forward, none, none, np.full(system.m, UNCERTAIN))
+    guards = Guards(motion, forward, none, none, np.full(system.m, uncertain))
     last = np.array(velocities)
     return motion, guards, Path(np.array([0.0, 0.5]), np.array([[y, last - y]]), last, True)
 
@@ -59,6 +59,13 @@ def test_what_is_beyond_0_by_errors_only_has_not_passed_it(beyond: float, has_pa
     assert at.touching.tolist() == at.fired.tolist() == [True, False, has_passed]
     # two rows are near 0: neither is alone there
     assert alone_at_limit(guards, path) is None
+
+
+def test_a_velocity_that_falls_past_0_within_the_roundoff_of_the_time_is_at_0() -> None:
+    """It falls by 1e-15 m/s in the roundoff of 0.5 s: 1 part in 1e15 of it, at 2 m/s^2."""
+    for beyond, is_at_0 in [(5e-16, True), (5e-15, False)]:
+        motion, guards, path = ending(0.0, -beyond, uncertain=1e-14)
+        assert at_limit(motion, guards, path, []).touching.tolist() == [True, is_at_0]
 
 
 @pytest.mark.parametrize(
