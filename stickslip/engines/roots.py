@@ -12,7 +12,7 @@ from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
 _ROUNDOFF = 2e-15  # roundoff of a value, as a part of its majorant
-_STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
+STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
 
 # Polynomials with at least so many terms are Taylor series, over steps that their remainder limits. Shorter ones are
 # exact, and may cover any length of time.
@@ -60,7 +60,7 @@ def first_root(
     found = _first_crossing(c, _in_bernstein(coefficients, bernstein), floor, guess)
     first = 0.0
     while found is not None and floor:
-        back = _back(c, found, _STEPS * _ROUNDOFF * floor)
+        back = _back(c, found, STEPS * _ROUNDOFF * floor)
         if back is None:
             break
         first = back
@@ -75,7 +75,7 @@ def first_touch(coefficients: Array, floor: float, bernstein: Array | None = Non
 
     It touches 0 where it turns no farther from 0 than the roundoff of its terms and of `floor` in many steps.
     """
-    c, part = coefficients.tolist(), _STEPS * _ROUNDOFF
+    c, part = coefficients.tolist(), STEPS * _ROUNDOFF
     near = part * max(_majorant(c, 1.0), floor)
     lowered = [c[0] - near, *c[1:]]
     root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.progress import CALLS_AT_MOST
-from stickslip.engines.roots import first_root, first_touch, may_vanish
+from stickslip.engines.roots import STEPS, first_root, first_touch, may_vanish
 from stickslip.engines.work import BEYOND, SolverFailure, Work, grows
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.guards.guards import Guards
@@ -228,7 +228,11 @@ class Series:
         """
         if h0 is not None and guards.is_border[i] and guards.order[i] == 1:
             return float(guards.majorant[1, i]) * h0
-        return float(fastest[guards.row[i]] if guards.is_velocity[i] else guards.value_scale[i])
+        if guards.is_velocity[i]:
+            return float(fastest[guards.row[i]])
+        # Forces that cancel, and a normal force that is about to touch 0, have the roundoff of their terms. It does not
+        # add up.
+        return float(max(guards.value_scale[i], guards.majorant[0, i] / STEPS))
 
     def _first_root(self, g: Array, motion: Motion, guards: Guards, h0: float | None) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""

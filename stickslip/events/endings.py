@@ -101,10 +101,10 @@ def _has_passed(velocity: Any, leeway: Any, missed: Any = 0.0) -> Any:
     return (velocity >= (FULLY - 1) * leeway - missed) | (velocity <= -FULLY * leeway)
 
 
-def _missed(motion: Motion, path: Path, rows: Indices) -> Array:
-    """Return how much the velocities of some rows change at the end of a path within the roundoff of the time."""
+def _missed(motion: Motion, path: Path) -> Array:
+    """Return how much relative velocities (m,) change at the end of a path within the roundoff of the time."""
     tau = float(path.taus[-1])
-    return np.asarray(TIME * tau * np.abs(motion.relative_accelerations(tau, path.last)[rows]))
+    return np.asarray(TIME * tau * np.abs(motion.relative_accelerations(tau, path.last)))
 
 
 def _die_away(motion: Motion, guards: Guards, path: Path, values: Array, some: Mask) -> Mask:
@@ -141,7 +141,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             at = back if back.any() else guards.nearest(part, path)
         if guards.velocity_uncertainty is not None:
             some = guards.passing
-            at[some] &= _has_passed(values[some], guards.leeway[some], _missed(motion, path, guards.row[some]))
+            at[some] &= _has_passed(values[some], guards.leeway[some], _missed(motion, path)[guards.row[some]])
         # a row whose normal force has come to 0 has not come to its own limit
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True

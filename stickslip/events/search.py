@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -193,7 +194,7 @@ class Search:
             torn.setdefault(int(self._part_of_row[rows[0]]), (rows, side))
         for rows, side in torn.values():
             self._release(following, motion, guards, rows, side)
-        over = over[~np.isin(part[over], list(torn))]
+        over = _nearer(guards, over[~np.isin(part[over], list(torn))])
         if not over.size:
             return following
         ratio = self._ratios(motion, guards, over)
@@ -449,3 +450,14 @@ def _moves(trial: Modes, following: Modes) -> Mask:
 def _carrying(side: Array) -> Modes:
     """Return the modes of rows that carry their level on these sides."""
     return np.where(side > 0, AT_HIGH, AT_LOW).astype(np.int8)
+
+
+def _nearer(guards: Guards, over: Indices) -> Any:
+    """Return some guards of held rows, but of two limits of the same row only the nearer: its force points there.
+
+    Both are passed only in roundoff, where a level comes down to a force of almost 0.
+    """
+    value, row = guards.first[0, over], np.asarray(guards.row[over], dtype=np.intp)
+    least = np.full(guards.motion.system.m, np.inf)
+    np.minimum.at(least, row, value)
+    return over[value <= least[row]]

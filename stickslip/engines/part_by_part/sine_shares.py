@@ -52,7 +52,7 @@ class SineShares:
         """Whether any thing has sines."""
         return self.shares.size > 0
 
-    @property
+    @cached_property
     def have_sines(self) -> Mask:
         """Which things have sines."""
         return np.asarray(np.diff(self.firsts) > 0)

@@ -18,12 +18,14 @@ from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
-# A velocity that is beyond 0 by this part of its leeway has passed 0: what is missing of the leeway is roundoff.
+# A guard that is beyond 0 by this part of its leeway has passed 0: what is missing of the leeway is roundoff.
 FULLY = 0.999
 
 # The least leeway of a contact that may stick where it touches 0, as a part of what is uncertain of its velocity, if
 # its level rises with the dwell.
 _IF_DWELLING = 1e-2
+
+_ROUNDOFF_OF_FORCE = 2e-15  # the same for forces, as a part of the sum of the sizes of their terms
 
 _LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for the majorants of guards
 
@@ -209,9 +211,13 @@ class Guards(GuardsAtStart):
 
         A contact that may stick where its velocity only touches 0 needs no leeway: whether the motion or an error takes
         it beyond 0, it is at rest there. If its level rises with the dwell, it is held only if the level rises fast
-        enough: it has a small leeway. If it starts beyond 0, it has twice that distance.
+        enough: it has a small leeway. If it starts beyond 0, it has twice that distance. Where loads bend, a level may
+        come down to a force that is 0, and go up again: then their roundoff decides nothing.
         """
         found = np.zeros(self.size)
+        if self.rows.has_forces and not (self.motion.segment.is_straight and self.motion.dependence is None):
+            forces = self.rows.is_force & ~self.is_normal
+            found[forces] = _ROUNDOFF_OF_FORCE * self.majorant[0, forces]
         found[self.passing] = self.uncertain[self.passing]
         sticks = self.stick_at_touch
         if not sticks.any():
