@@ -295,7 +295,10 @@ def _slowed_down(system: System, start: float, stop: float) -> float:
     found = 0.0
     for j in (system.hard & system.alive & ~system.pressed).nonzero()[0].tolist():
         normal = system.normals[j]
-        if normal.period is not None:
+        if normal.period is None:
+            continue
+        # a function that fails is reported when the run comes to it
+        with contextlib.suppress(ValueError):
             level = float(system.mu_s[:, j].max()) * largest_value(normal, start, stop)
             found = max(found, level * float(system.free_mobility[j]) * (stop - start))
     return found
