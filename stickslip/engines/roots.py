@@ -8,10 +8,10 @@ from operator import ne
 
 import numpy as np
 
+from stickslip.equations.guards.at_start import VALUE_ROUNDOFF
 from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
-_ROUNDOFF = 2e-15  # roundoff of a value, as a part of its majorant
 STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
 
 # Polynomials with at least so many terms are Taylor series, over steps that their remainder limits. Shorter ones are
@@ -60,7 +60,7 @@ def first_root(
     found = _first_crossing(c, _in_bernstein(coefficients, bernstein), floor, guess)
     first = 0.0
     while found is not None and floor:
-        back = _back(c, found, STEPS * _ROUNDOFF * floor)
+        back = _back(c, found, STEPS * VALUE_ROUNDOFF * floor)
         if back is None:
             break
         first = back
@@ -75,7 +75,7 @@ def first_touch(coefficients: Array, floor: float, bernstein: Array | None = Non
 
     It touches 0 where it turns no farther from 0 than the roundoff of its terms and of `floor` in many steps.
     """
-    c, part = coefficients.tolist(), STEPS * _ROUNDOFF
+    c, part = coefficients.tolist(), STEPS * VALUE_ROUNDOFF
     near = part * max(_majorant(c, 1.0), floor)
     lowered = [c[0] - near, *c[1:]]
     root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)
@@ -147,7 +147,7 @@ def _first_crossing(c: list[float], bernstein: Array, floor: float, guess: float
         values = b.tolist()
         least = min(values)
         # near the start of the interval the terms of a short polynomial are smaller, and so is their roundoff
-        if least >= 0 or least >= -(noise := _ROUNDOFF * max(_majorant(c, high), floor)):
+        if least >= 0 or least >= -(noise := VALUE_ROUNDOFF * max(_majorant(c, high), floor)):
             continue
         if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
             if guess is None:

@@ -20,6 +20,7 @@ _BY_DIFFERENCES = 1e-9
 
 AT_LIMIT = 1e-10  # part of its level within which a force is at its level
 _AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
+VALUE_ROUNDOFF = 2e-15  # part of its majorant by which a value that is 0 may be beyond 0
 FINEST_ROUNDOFF = 1e-15  # part of its majorant within which a stop is at its limit, and a slope may be 0
 _NEAR = 1e-5  # guards this near to 0, as a part of the largest force, are looked at more closely
 _NEAR_IN_TIME = 1e-12  # so are guards that come to 0 within this part of the time

@@ -14,7 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.algebra.floats import smallest_of
-from stickslip.equations.guards.at_start import AT_LIMIT, FINEST_ROUNDOFF, NEVER, ROUNDOFF, GuardsAtStart
+from stickslip.equations.guards.at_start import (
+    AT_LIMIT,
+    FINEST_ROUNDOFF,
+    NEVER,
+    ROUNDOFF,
+    VALUE_ROUNDOFF,
+    GuardsAtStart,
+)
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask, like
 
@@ -24,8 +31,6 @@ FULLY = 0.999
 # The least leeway of a contact that may stick where it touches 0, as a part of what is uncertain of its velocity, if
 # its level rises with the dwell.
 _IF_DWELLING = 1e-2
-
-_ROUNDOFF_OF_FORCE = 2e-15  # the same for forces, as a part of the sum of the sizes of their terms
 
 _LOOKS = 5  # times along a path, both ends among them, at which loads are sampled for the majorants of guards
 
@@ -217,7 +222,7 @@ class Guards(GuardsAtStart):
         found = np.zeros(self.size)
         if self.rows.has_forces and not (self.motion.segment.is_straight and self.motion.dependence is None):
             forces = self.rows.is_force & ~self.is_normal
-            found[forces] = _ROUNDOFF_OF_FORCE * self.majorant[0, forces]
+            found[forces] = VALUE_ROUNDOFF * self.majorant[0, forces]
         found[self.passing] = self.uncertain[self.passing]
         sticks = self.stick_at_touch
         if not sticks.any():
