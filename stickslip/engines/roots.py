@@ -12,7 +12,7 @@ from stickslip.equations.guards.at_start import VALUE_ROUNDOFF
 from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
-STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
+_STEPS = 50.0  # in so many steps the roundoff of a quantity adds up
 
 # Polynomials with at least so many terms are Taylor series, over steps that their remainder limits. Shorter ones are
 # exact, and may cover any length of time.
@@ -34,6 +34,14 @@ def _halves(order: int) -> tuple[Array, Array]:
     """Return the matrices from Bernstein coefficients to those of the left and of the right half."""
     left = np.array([[comb(i, k) / 2.0**i if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)])
     return left, left[::-1, ::-1].copy()
+
+
+def force_scale(size: float, majorant: float) -> float:
+    """Return the size of which the roundoff of a force is a part, from what it compares and the sizes of its terms.
+
+    Forces that cancel, and a level that is about to touch 0, have the roundoff of their terms. It does not add up.
+    """
+    return max(size, majorant / _STEPS)
 
 
 def may_vanish(coefficients: Array) -> tuple[Indices, Array]:
@@ -60,7 +68,7 @@ def first_root(
     found = _first_crossing(c, _in_bernstein(coefficients, bernstein), floor, guess)
     first = 0.0
     while found is not None and floor:
-        back = _back(c, found, STEPS * VALUE_ROUNDOFF * floor)
+        back = _back(c, found, _STEPS * VALUE_ROUNDOFF * floor)
         if back is None:
             break
         first = back
@@ -75,7 +83,7 @@ def first_touch(coefficients: Array, floor: float, bernstein: Array | None = Non
 
     It touches 0 where it turns no farther from 0 than the roundoff of its terms and of `floor` in many steps.
     """
-    c, part = coefficients.tolist(), STEPS * VALUE_ROUNDOFF
+    c, part = coefficients.tolist(), _STEPS * VALUE_ROUNDOFF
     near = part * max(_majorant(c, 1.0), floor)
     lowered = [c[0] - near, *c[1:]]
     root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.progress import CALLS_AT_MOST
-from stickslip.engines.roots import STEPS, first_root, first_touch, may_vanish
+from stickslip.engines.roots import first_root, first_touch, force_scale, may_vanish
 from stickslip.engines.work import BEYOND, SolverFailure, Work, grows
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.guards.guards import Guards
@@ -221,7 +221,7 @@ class Series:
 
     @staticmethod
     def _roundoff_scale(guards: Guards, i: int, h0: float | None, fastest: Array) -> float:
-        """Return the size of which a guard's roundoff is a part: the largest speeds so far, or forces at the start.
+        """Return the size of which a guard's roundoff is a part: the largest speeds so far, or forces.
 
         In the first step, of length `h0`, a border that leaves 0 is measured from its value at the start. So it has
         the roundoff of a velocity times that length. `fastest` are the majorants of relative velocities so far.
@@ -230,9 +230,7 @@ class Series:
             return float(guards.majorant[1, i]) * h0
         if guards.is_velocity[i]:
             return float(fastest[guards.row[i]])
-        # Forces that cancel, and a normal force that is about to touch 0, have the roundoff of their terms. It does not
-        # add up.
-        return float(max(guards.value_scale[i], guards.majorant[0, i] / STEPS))
+        return force_scale(float(guards.value_scale[i]), float(guards.majorant[0, i]))
 
     def _first_root(self, g: Array, motion: Motion, guards: Guards, h0: float | None) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""

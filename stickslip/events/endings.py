@@ -96,7 +96,7 @@ def _at_end(guards: Guards, path: Path) -> tuple[Array, Array]:
 def _has_passed(velocity: Any, leeway: Any, missed: Any = 0.0) -> Any:
     """Tell whether a velocity is at 0, or has passed it: one that is beyond 0 by less than its leeway has not.
 
-    It is at 0, too, if it is beyond 0 by no more than it has `missed` 0 by.
+    It is at 0, too, if it is beyond 0 by no more than it changes within the roundoff of the time: `missed`.
     """
     return (velocity >= (FULLY - 1) * leeway - missed) | (velocity <= -FULLY * leeway)
 

@@ -58,7 +58,8 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     patchworks = trajectory.patchworks
     steps = _step_ranges(trajectory)
     allowed = _allowed(trajectory, steps, patchworks)
-    parts = _clipped((steps.bends / allowed).max(axis=1, initial=0.0))
+    worst = [(bends / allowed).max(axis=1, initial=0.0) for bends in steps.bends]
+    parts = _clipped(np.concatenate([np.empty(0), *worst]))
     if not patchworks:
         return _cut(steps.begins, parts, steps.counts)
     found = [(steps.begins, parts, steps.counts)]
@@ -112,8 +113,10 @@ class _StepRanges(NamedTuple):
     begins: Array  # (k,): local time in s at which each step begins; the last step of a path has length 0
     counts: Indices  # (p,): how many steps each path has
     distances: Array  # (k, n): how far the bodies come in each step
-    bends: Array  # (k, quantities): bounds of second derivatives, with each step scaled to length 1
-    # (blocks of steps, states): smallest and largest values
+    # (steps, quantities) of each block of steps: bounds of second derivatives, with each step scaled to length 1; they
+    # are large, and stay apart
+    bends: tuple[Array, ...]
+    # (blocks, states): smallest and largest values
     low: Array
     high: Array
 
@@ -122,16 +125,17 @@ def _step_ranges(trajectory: Trajectory) -> _StepRanges:
     """Return ranges and bounds in the steps of all paths."""
     n, size = trajectory.system.n, trajectory.system.size
     none = np.full((1, size), np.inf)
-    found = [(np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n)), np.empty((0, size + n)), none, -none)]
+    found, bends = [(np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n)), none, -none)], []
     for steps in trajectory.whole.steps:
         h = steps.lengths[:, None]
         values_and_integral, derivatives = _weights(steps.coefficients.shape[1], steps.is_chebyshev)
         values = values_and_integral @ steps.coefficients
         sizes = derivatives @ np.abs(steps.coefficients)
-        bends = np.concatenate([sizes[:, 0], sizes[:, 1, :n] * h], axis=1)
+        bends.append(np.concatenate([sizes[:, 0], sizes[:, 1, :n] * h], axis=1))
         low, high = (extreme(extreme(values, axis=0)[:-1], axis=0)[None] for extreme in (np.min, np.max))
-        found.append((steps.begins, steps.counts, values[:, -1, :n] * h, bends, low, high))
-    return _StepRanges(*map(np.concatenate, zip(*found, strict=True)))
+        found.append((steps.begins, steps.counts, values[:, -1, :n] * h, low, high))
+    begins, counts, distances, low, high = map(np.concatenate, zip(*found, strict=True))
+    return _StepRanges(begins, counts, distances, tuple(bends), low, high)
 
 
 def _allowed(trajectory: Trajectory, steps: _StepRanges, patchworks: Sequence[Patchwork]) -> Array:

@@ -176,11 +176,7 @@ def tolerances(
         speed = float(reached.velocity_changes.max(initial=0.0))
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
-    if reached is not None:
-        majorant = reached.velocity_majorant
-    else:
-        majorant = _slowed_down(system, start, stop) if is_guess else 0.0
-    resolution, noise = method.resolution, _ROUNDOFF * majorant
+    resolution, noise = method.resolution, 0.0 if reached is None else _ROUNDOFF * reached.velocity_majorant
     if speed > 0:
         atol = min(atol, max(rtol * speed, noise))
         if resolution * (rtol * speed + atol) > finest:
@@ -284,23 +280,6 @@ def _pushed(system: System, start: float, stop: float) -> Array:
         with contextlib.suppress(ValueError):
             largest = largest_value(load, start, stop)
         found[i] = max(found[i], largest / system.inertia[i] * (stop - start))
-    return found
-
-
-def _slowed_down(system: System, start: float, stop: float) -> float:
-    """Return the largest velocity that friction could take from a body if its normal force is a sine or a function.
-
-    Where such a normal force touches 0, its roundoff is that of its largest value, beside a load however small.
-    """
-    found = 0.0
-    for j in (system.hard & system.alive & ~system.pressed).nonzero()[0].tolist():
-        normal = system.normals[j]
-        if normal.period is None:
-            continue
-        # a function that fails is reported when the run comes to it
-        with contextlib.suppress(ValueError):
-            level = float(system.mu_s[:, j].max()) * largest_value(normal, start, stop)
-            found = max(found, level * float(system.free_mobility[j]) * (stop - start))
     return found
 
 

@@ -58,9 +58,9 @@ def test_loads_that_cancel_but_for_roundoff_hold(options: dict[str, Any], loads:
 
 @pytest.mark.parametrize("options", WAYS, ids=lambda one: next(iter(one.values())))
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("load", [1e-15, 1e-14, 1e-13, 1e-12, 1e-11])
+@pytest.mark.parametrize("load", [1e-15, 1e-14])
 def test_a_load_near_roundoff_slips_its_way_or_holds(options: dict[str, Any], sign: int, load: float) -> None:
-    """Which of both is decided by roundoff: the sum of the sizes of the terms is 5 N."""
+    """Which of both is decided by roundoff: the sum of the sizes of the terms of the level is 4.8 N."""
     events = run((sign * load,), **options).events
     assert [int(event.after) for event in events] in ([], [sign, 0])
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from stickslip.engines.part_by_part.parts import Parts
-from stickslip.engines.roots import STEPS, earliest, first_root, first_touch
+from stickslip.engines.roots import earliest, first_root, first_touch, force_scale
 from stickslip.engines.work import Work
 from stickslip.equations.algebra.polynomials import powers, shifted
 from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
@@ -338,9 +338,9 @@ class NextRoots:
             level = float(self._system.mu_s[0, j]) * parts.prescribed.normal_at(j, t)
             if level and not parts.prescribed.rows.have_sines[j]:
                 return level
-            # the level may come down to forces that cancel, whose roundoff does not add up
             forces = parts.force_majorant(int(forest.child[j]), t)
-            return max(level, forces / STEPS) if level else forces
+            # without a level there is nothing but the forces to measure by
+            return force_scale(level, forces) if level else forces
         child, parent, drive = np.abs(forest.lever[j]).tolist()
         total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:

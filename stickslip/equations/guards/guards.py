@@ -236,7 +236,7 @@ class Guards(GuardsAtStart):
     def values(self, tau: float | Array, y: Array, with_leeway: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
-        If `with_leeway`, the leeway is added: velocities are negative only once they have passed 0.
+        If `with_leeway`, the leeway is added: guards are negative only once they have passed 0.
         """
         g = self.raw_at(tau, y)
         if with_leeway and self.velocity_uncertainty is not None:
@@ -277,7 +277,7 @@ class Guards(GuardsAtStart):
         out: from guards that leave 0 their values at the start are subtracted. Returned are also which guards are
         exactly these polynomials, and lower bounds of all guards in each step (guards, k), -inf where none is known.
         The bounds hold because no Chebyshev polynomial is larger than 1, and because a static coefficient that rises
-        with its dwell is not below its value at the start of a step. The leeway of velocities is added to the bounds.
+        with its dwell is not below its value at the start of a step. Their leeway is added to the bounds.
         """
         motion, system, equations = self.motion, self.motion.system, self.motion.equations
         k, order, size = path.coefficients.shape
@@ -346,7 +346,7 @@ class Guards(GuardsAtStart):
             g[self._bent] -= self._start_values[self._bent, None] + np.multiply.outer(self._falls, taus)
 
     def smallest(self, tau: float, y: Array) -> float:
-        """Return the smallest guard at a state, with the leeway of velocities added."""
+        """Return the smallest guard at a state, with their leeway added."""
         if not self.size:
             return math.inf
         if tau <= self.any_roundoff_until:
