@@ -346,7 +346,7 @@ class Guards(GuardsAtStart):
             g[self._bent] -= self._start_values[self._bent, None] + np.multiply.outer(self._falls, taus)
 
     def smallest(self, tau: float, y: Array) -> float:
-        """Return the smallest guard at a state, with their leeway added."""
+        """Return the smallest guard at a state, leeways added."""
         if not self.size:
             return math.inf
         if tau <= self.any_roundoff_until:
