@@ -36,8 +36,8 @@ def _halves(order: int) -> tuple[Array, Array]:
     return left, left[::-1, ::-1].copy()
 
 
-def force_scale(size: float, majorant: float) -> float:
-    """Return the size of which the roundoff of a force is a part, from what it compares and the sizes of its terms.
+def floor_of_force(size: float, majorant: float) -> float:
+    """Return the `floor` of a guard of forces, from the size of what it compares and the sizes of its terms.
 
     Forces that cancel, and a level that is about to touch 0, have the roundoff of their terms. It does not add up.
     """

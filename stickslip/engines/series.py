@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.progress import CALLS_AT_MOST
-from stickslip.engines.roots import first_root, first_touch, force_scale, may_vanish
+from stickslip.engines.roots import first_root, first_touch, floor_of_force, may_vanish
 from stickslip.engines.work import BEYOND, SolverFailure, Work, grows
 from stickslip.equations.guards.at_start import NEVER
 from stickslip.equations.guards.guards import Guards
@@ -230,7 +230,7 @@ class Series:
             return float(guards.majorant[1, i]) * h0
         if guards.is_velocity[i]:
             return float(fastest[guards.row[i]])
-        return force_scale(float(guards.value_scale[i]), float(guards.majorant[0, i]))
+        return floor_of_force(float(guards.value_scale[i]), float(guards.majorant[0, i]))
 
     def _first_root(self, g: Array, motion: Motion, guards: Guards, h0: float | None) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""

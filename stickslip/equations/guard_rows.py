@@ -99,13 +99,14 @@ class GuardRows:
         parts = [columns_of(rows) for rows, columns_of in kinds if rows.size]
         ends = list(accumulate((rows.size for rows, _ in kinds if rows.size), initial=0))
 
-        def column(k: int, dtype: type = float) -> Array:
-            found: Array = np.empty(ends[-1], dtype)
+        def column(k: int, dtype: type = float) -> Any:
+            found: Any = np.empty(ends[-1], dtype)
             for part, (first, last) in zip(parts, pairwise(ends), strict=True):
                 found[first:last] = part[k]
             return found
 
-        self.row, self.source = column(0, np.intp), column(1, np.intp)
+        self.row: Indices = column(0, np.intp)
+        self.source: Indices = column(1, np.intp)
         self.sign, self.mu, rise, self.constant, self.direction = map(column, range(2, 7))
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))

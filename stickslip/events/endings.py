@@ -93,12 +93,9 @@ def _at_end(guards: Guards, path: Path) -> tuple[Array, Array]:
     return values, values / np.where(size > _NO_SIZE, size, 1.0)
 
 
-def _has_passed(velocity: Any, leeway: Any, missed: Any = 0.0) -> Any:
-    """Tell whether a velocity is at 0, or has passed it: one that is beyond 0 by less than its leeway has not.
-
-    It is at 0, too, if it is beyond 0 by no more than it changes within the roundoff of the time: `missed`.
-    """
-    return (velocity >= (FULLY - 1) * leeway - missed) | (velocity <= -FULLY * leeway)
+def _has_passed(velocity: Any, leeway: Any) -> Any:
+    """Tell whether a velocity is at 0, or has passed it: one that is beyond 0 by less than its leeway has not."""
+    return (velocity >= (FULLY - 1) * leeway) | (velocity <= -FULLY * leeway)
 
 
 def _missed(motion: Motion, path: Path) -> Array:
@@ -140,8 +137,11 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             back = guards.is_roundoff_at(float(path.taus[-1]))
             at = back if back.any() else guards.nearest(part, path)
         if guards.velocity_uncertainty is not None:
-            some = guards.passing
-            at[some] &= _has_passed(values[some], guards.leeway[some], _missed(motion, path)[guards.row[some]])
+            short = guards.passing[~_has_passed(values[guards.passing], guards.leeway[guards.passing])]
+            if short.size:
+                # a velocity that has missed 0 by no more than the roundoff of the time is at 0
+                missed = _missed(motion, path)[guards.row[short]]
+                at[short] &= _has_passed(values[short] + missed, guards.leeway[short])
         # a row whose normal force has come to 0 has not come to its own limit
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -452,12 +451,12 @@ def _carrying(side: Array) -> Modes:
     return np.where(side > 0, AT_HIGH, AT_LOW).astype(np.int8)
 
 
-def _nearer(guards: Guards, over: Indices) -> Any:
+def _nearer(guards: Guards, over: Indices) -> Indices:
     """Return some guards of held rows, but of two limits of the same row only the nearer: its force points there.
 
     Both are passed only in roundoff, where a level comes down to a force of almost 0.
     """
-    value, row = guards.first[0, over], np.asarray(guards.row[over], dtype=np.intp)
+    value, row = guards.first[0, over], guards.row[over]
     least = np.full(guards.motion.system.m, np.inf)
     np.minimum.at(least, row, value)
-    return over[value <= least[row]]
+    return np.asarray(over[value <= least[row]])

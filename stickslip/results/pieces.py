@@ -33,11 +33,11 @@ class Piece:
     # (m,): impulses of the rows at the start; None if there were none
     impulses: Array | None = field(repr=False)
     lost: Array | None = field(repr=False)  # (m,): the energy in J that each row took with its impulse
-    path: Path | None = field(repr=False)  # the states; None where only the requested outputs were kept
+    path: Path | None = field(repr=False)  # the states; None where only outputs were kept, or a patchwork has them
 
     @property
     def kept_path(self) -> Path:
-        """The states of a run that has kept them."""
+        """The states of a run that has kept them and was followed as a whole."""
         assert self.path is not None
         return self.path
 

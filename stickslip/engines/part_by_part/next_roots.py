@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from stickslip.engines.part_by_part.parts import Parts
-from stickslip.engines.roots import earliest, first_root, first_touch, force_scale
+from stickslip.engines.roots import earliest, first_root, first_touch, floor_of_force
 from stickslip.engines.work import Work
 from stickslip.equations.algebra.polynomials import powers, shifted
 from stickslip.equations.guards.at_start import FINEST_ROUNDOFF, ROUNDOFF
@@ -340,7 +340,7 @@ class NextRoots:
                 return level
             forces = parts.force_majorant(int(forest.child[j]), t)
             # without a level there is nothing but the forces to measure by
-            return force_scale(level, forces) if level else forces
+            return floor_of_force(level, forces) if level else forces
         child, parent, drive = np.abs(forest.lever[j]).tolist()
         total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:

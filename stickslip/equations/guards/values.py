@@ -90,7 +90,7 @@ class GuardValues:
         """Return the Taylor coefficients of the guards, their zeros not divided out, one row per order."""
         rows = self.rows
         if expansion.g is not None:
-            g = self.completed(expansion.g, expansion.z)
+            g: Array = self.completed(expansion.g, expansion.z)
             return np.concatenate([g[:1] + self._constant, g[1:]]) if self._has_constant else g
         g = rows.sign * expansion.z[:, rows.source]
         if rows.has_levels:
