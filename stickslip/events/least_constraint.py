@@ -36,10 +36,9 @@ def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indice
     high = np.maximum(high, low + _WIDTH * np.abs(left).max(initial=0.0))
     rest = equations.is_held.copy()
     rest[rows] = False
-    W = np.asarray(system.G[rows] @ system.balance(rest).accelerations(dense(system.GT[:, rows])))
-    sizes, vectors = np.linalg.eigh(0.5 * (W + W.T))
-    root = np.sqrt(np.maximum(sizes, 0.0))[:, None] * vectors.T
-    delta = scipy.optimize.lsq_linear(root, np.zeros(rows.size), bounds=(low, high), method="bvls").x
-    accelerations = -W @ delta
+    given = np.asarray(system.balance(rest).accelerations(dense(system.GT[:, rows])))
+    root = np.sqrt(system.inertia)[:, None] * given  # W = root^T root
+    delta = scipy.optimize.lsq_linear(root, np.zeros(root.shape[0]), bounds=(low, high), method="bvls").x
+    accelerations = -root.T @ (root @ delta)
     moves = np.abs(accelerations) > _AT_REST * np.abs(accelerations).max(initial=0.0)
     return rows, np.where(moves, accelerations, 0.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, OneWay, Scene, simulate
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Mode, OneWay, Scene, piecewise_linear, simulate
 from stickslip.model.arrays import Array
 
 # name, bodies, their radii, and the level of a contact; 0 for a one-way clutch
@@ -109,6 +109,32 @@ def test_levels_that_fall_once_they_move_are_found_from_there() -> None:
     assert moving == ["c21"]
     assert result.velocity("b7")[-1] == pytest.approx(4e-3, rel=1e-12)
     assert max(abs(result.force(name)[-1]) - 1.1 * level for name, *_, level in NETWORK) <= 1e-12
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_all_levels_are_just_met_but_only_one_contact_lets_go(way: dict[str, Any]) -> None:
+    """The loads on 10 kg reach the level of c3 with 4 N/s; those of b1 reach what its contacts can hold, but fall.
+
+    So all bodies move as one, a = 0.4 t. On b1 the contacts c0, c1 and c6 hold 1 - 4 t + 2 a of at most 1 + t.
+    """
+    loads = {"b0": (2.0, -3.0), "b1": (-1.0, 4.0), "b3": (0.0, 3.0)}
+    ends = {
+        "c0": ("b0", "b1", 0.5),
+        "c1": ("b1", "b2", piecewise_linear([0.0, 1.0], [0.0, 1.0])),
+        "c2": ("b0", "b3", 2.0),
+        "c3": (GROUND, "b0", 1.0),
+        "c4": ("b2", "b0", 1.0),
+        "c5": ("b3", "b2", 2.0),
+        "c6": ("b3", "b1", 0.5),
+    }
+    masses = [Body(f"b{k}", inertia=mass) for k, mass in enumerate((3.0, 2.0, 2.0, 3.0))]
+    contacts = [Contact(name, a, b, DryFriction(1.0, 1.0), normal=level) for name, (a, b, level) in ends.items()]
+    forces = [Force(name, piecewise_linear([0.0, 1.0], [at, at + by])) for name, (at, by) in loads.items()]
+    result = simulate(Scene(*masses, *contacts, *forces), (0.0, 0.1), **way)
+    assert [result.mode(name)[-1] == Mode.STUCK for name in ends] == [name != "c3" for name in ends]
+    assert all(event.t == 0 for event in result.events)
+    for body in ("b0", "b1", "b2", "b3"):
+        assert result.velocity(body)[-1] == pytest.approx(0.2 * 0.1**2, rel=1e-7, abs=0)
 
 
 def test_random_networks_move_as_least_constraint_tells() -> None:
