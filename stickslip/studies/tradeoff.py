@@ -303,8 +303,13 @@ def reference_of(scene: Scene, span: tuple[float, float], measure: Error) -> tup
             failure = error
             continue
         scale = float(np.abs(result.y[: len(scene.bodies)]).max()) or 1.0
-        roundoff = 8 * np.finfo(float).eps * scale
-        return tight, loose, result, max(measure(other, result), roundoff), float(f"{scale:.1g}")
+        limit = max(measure(other, result), 8 * float(np.finfo(float).eps) * scale)
+        if limit == np.inf:
+            raise ValueError(
+                "tradeoff: error(result, reference) is inf between two tight runs of the scene; "
+                "return a finite number there, or nothing can be compared"
+            )
+        return tight, loose, result, limit, float(f"{scale:.1g}")
     assert failure is not None
     raise failure
 

@@ -700,3 +700,26 @@ def test_a_knot_whose_limits_meet_but_for_roundoff(formulation: str) -> None:
     )
     result = simulate(scene, (0.0, 1.5), formulation=formulation)
     assert result.events[0].t == pytest.approx(2 / 3, abs=1e-5)
+
+
+@pytest.mark.parametrize("way", [{}, {"method": "BDF"}, {"formulation": "merged"}, {"formulation": "multiplier"}])
+def test_a_level_that_grows_from_0_beside_a_gear_is_carried_at_rest(way: dict[str, Any]) -> None:
+    """Gear and contact hold the load 2 t on b1; half is above the level t/2 of the contact.
+
+    The load on b2 is there from the start: its roundoff in the share of the contact must not count.
+    """
+    law, growing = DryFriction(1.0, 0.5), piecewise_linear([0.0, 1.0], [0.0, 0.5])
+    scene = Scene(
+        *(Body(f"b{k}", inertia=mass) for k, mass in enumerate((1.0, 3.0, 3.0))),
+        Contact("c0", "b2", GROUND, law, normal=2.0),
+        Contact("c1", "b0", "b2", law, normal=2.0),
+        Contact("c2", "b1", "b2", law, normal=growing),
+        Gear("g", "b2", "b1", ratio=1.0),
+        Force("b0", piecewise_linear([0.0, 1.0], [0.0, 3.0])),
+        Force("b1", piecewise_linear([0.0, 1.0], [0.0, 2.0])),
+        Force("b2", piecewise_linear([0.0, 1.0], [-1.0, 3.0])),
+    )
+    result = simulate(scene, (0.0, 0.25), **way)
+    assert not result.events and (result.mode("c2") == 0).all()
+    assert result.force("c2") == pytest.approx(0.5 * result.t, rel=1e-12, abs=1e-15)
+    assert result.force("g") == pytest.approx(-1.5 * result.t, rel=1e-12, abs=1e-15)

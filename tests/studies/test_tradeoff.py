@@ -388,6 +388,18 @@ def test_a_scene_that_cannot_be_simulated_says_so(monkeypatch):
         tradeoff(sliding_block(), (0.0, 1.0))
 
 
+def test_an_error_of_the_reference_that_is_infinite_is_refused():
+    scene = Scene(Body("m", inertia=1.0, velocity=0.1))
+    with pytest.raises(ValueError, match="is inf between two tight runs of the scene; return a finite number"):
+        tradeoff(scene, (0.0, 0.1), error=lambda result, reference: math.inf, budget=0.5)
+
+
+def test_advice_at_the_limit_of_the_reference_is_plain_python():
+    found = tradeoff(Scene(Body("m", inertia=1.0, velocity=0.1)), (0.0, 0.1), budget=0.5)
+    advice = found.recommend(error=found.limit)
+    assert [type(x) for x in (found.limit, advice.error, advice.at_limit)] == [float, float, bool]
+
+
 @pytest.mark.parametrize("wrong", ["a", None, math.nan, -1.0, True])
 def test_an_error_that_is_no_number_from_0_on_is_refused(wrong):
     scene = Scene(Body("m", inertia=1.0, velocity=0.1))
