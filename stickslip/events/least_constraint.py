@@ -4,7 +4,8 @@ Forces ``lambda + delta`` instead of those that hold all rows accelerate them by
 ``W = G M^-1 G^T``. Of the forces within all limits those that follow the laws make ``1/2 delta^T W delta`` as small as
 possible (Moreau, "Quadratic programming in mechanics", SIAM Journal on Control 4, 1966): bounded least squares. Where
 static and Coulomb levels are equal, w' are the accelerations to come. Elsewhere the rows that begin to move carry less
-than their static level, and other rows may let go after them.
+than their static level, and other rows may let go after them. Where drives tear rows apart their accelerations are
+added to w', but the work of the drives is left out: there it only tells where to begin.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from stickslip.events.sharing import soon
 from stickslip.model.arrays import Array, Indices, Mask
 
 _AT_REST = 1e-9  # part of the largest relative acceleration below which a row stays at rest
-_WIDTH = 1e-12  # limits are apart by this part of the largest one, at least
+_ROUNDOFF = 1e-14  # part of its terms below which a relative acceleration is roundoff
+_TOLERANCE = 1e-14  # of the least squares
 
 
 def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indices, Array]:
@@ -33,12 +35,22 @@ def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indice
     left, up = soon(motion, guards.start[:, limits]), guards.direction[limits] > 0
     low, high = np.full(rows.size, -np.inf), np.full(rows.size, np.inf)
     low[place[~up]], high[place[up]] = -left[~up], left[up]
-    high = np.maximum(high, low + _WIDTH * np.abs(left).max(initial=0.0))
+    high = np.maximum(high, np.nextafter(low, np.inf))
     rest = equations.is_held.copy()
     rest[rows] = False
-    given = np.asarray(system.balance(rest).accelerations(dense(system.GT[:, rows])))
-    root = np.sqrt(system.inertia)[:, None] * given  # W = root^T root
-    delta = scipy.optimize.lsq_linear(root, np.zeros(root.shape[0]), bounds=(low, high), method="bvls").x
+    per_force = np.asarray(system.balance(rest).accelerations(dense(system.GT[:, rows])))
+    root = np.sqrt(system.inertia)[:, None] * per_force  # W = root^T root
+    # the tolerance is one of numbers near 1
+    force, size = float(np.abs(left).max(initial=0.0)) or 1.0, float(np.abs(root).max(initial=0.0)) or 1.0
+    least = scipy.optimize.lsq_linear(
+        root / size, np.zeros(root.shape[0]), bounds=(low / force, high / force), method="bvls", tol=_TOLERANCE
+    )
+    delta = force * least.x
     accelerations = -root.T @ (root @ delta)
-    moves = np.abs(accelerations) > _AT_REST * np.abs(accelerations).max(initial=0.0)
+    roundoff = _ROUNDOFF * (np.abs(root.T) @ (np.abs(root) @ np.abs(delta)))
+    if equations.balance.parting is not None:
+        # what drives tear apart moves even in the motion that holds all rows
+        rate = system.drive_accelerations(motion.start.q[0])
+        accelerations += system.G[rows] @ (equations.balance.U @ rate) + system.D[rows] @ rate
+    moves = np.abs(accelerations) > np.maximum(roundoff, _AT_REST * np.abs(accelerations).max(initial=0.0))
     return rows, np.where(moves, accelerations, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
+_ENUMERATED = 6
 _MOST_TRIALS = 1000
 
 
@@ -94,7 +96,7 @@ class Search:
 
         Then releasing one row after another has run in a circle, in the parts that have changed since. There rows share
         what they hold, beginning from the first trial, in which all rows are held that may be held. If these modes have
-        been tried, too, those rows move that move by least constraint.
+        been tried, too, all combinations are tried, and where those are too many, the modes by least constraint.
         """
         if (since := self._place(following)) is None:
             return following
@@ -106,6 +108,8 @@ class Search:
         following = self._shared(start, circling)
         if self._place(following) is None:
             return following
+        if (consistent := self._enumerated(start, circling)) is not None:
+            return consistent
         following = self._least_constrained(start, circling)
         if self._place(following) is not None:
             following = self._shared(following, circling)
@@ -285,8 +289,10 @@ class Search:
             following[rows[mine]] = self._moving(rows[mine], side[mine])
 
     def _moving(self, rows: Indices, side: Array) -> Modes:
-        """Return the modes of rows that are let go to the side to which they are pushed."""
-        return np.where(self._system.is_stop[rows], APART, np.sign(side)).astype(np.int8)
+        """Return the modes of rows that are let go to the side to which they are pushed; no clutch runs forward."""
+        system, sign = self._system, np.sign(side)
+        sign = np.where(system.is_one_way[rows], np.minimum(sign, 0.0), sign)
+        return np.where(system.is_stop[rows], APART, sign).astype(np.int8)
 
     def _spared(self, motion: Motion, rows: Indices, side: Array, slopes: Array) -> Mask:
         """Tell which of some held rows others can spare: in each loop all that tie, if they can be spared together.
@@ -408,10 +414,33 @@ class Search:
             yield shared[own]
         yield modes[own]
 
+    def _enumerated(self, trial: Modes, parts: list[int]) -> Modes | None:
+        """Return modes that are consistent in some parts, of all combinations there; None for none, or too many."""
+        for part in parts:
+            rows = self._candidates_of([part])
+            if rows.size > _ENUMERATED:
+                return None
+            for found in self._combinations(rows, trial):
+                guards = self._build(found)[1]
+                if not guards.violated[self._part_of_row[guards.row] == part].any():
+                    trial = found
+                    break
+            else:
+                return None
+        return trial
+
     def _candidates_of(self, parts: list[int]) -> Indices:
         """Return the rows of some parts that may be held, but for ties."""
         may_be_held: Mask = self._candidates & ~self._system.is_tie & np.isin(self._part_of_row, parts)
         return may_be_held.nonzero()[0]
+
+    def _combinations(self, rows: Indices, trial: Modes) -> Iterator[Modes]:
+        system = self._system
+        choices = [(0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows]
+        for values in sorted(product(*choices), key=np.count_nonzero):
+            found = trial.copy()
+            found[rows] = values
+            yield found
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:

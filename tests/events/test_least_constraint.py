@@ -12,7 +12,20 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Mode, OneWay, Scene, piecewise_linear, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Mode,
+    OneWay,
+    Scene,
+    Signal,
+    piecewise_linear,
+    simulate,
+)
 from stickslip.model.arrays import Array
 
 # name, bodies, their radii, and the level of a contact; 0 for a one-way clutch
@@ -111,30 +124,89 @@ def test_levels_that_fall_once_they_move_are_found_from_there() -> None:
     assert max(abs(result.force(name)[-1]) - 1.1 * level for name, *_, level in NETWORK) <= 1e-12
 
 
+def contacts(ends: dict[str, tuple[str, str, Any]]) -> list[Contact]:
+    """Contacts of some levels, equal at rest and in motion."""
+    return [Contact(name, a, b, DryFriction(1.0, 1.0), normal=level) for name, (a, b, level) in ends.items()]
+
+
+def line(start: float, slope: float) -> Signal:
+    return piecewise_linear([0.0, 1.0], [start, start + slope])
+
+
+@pytest.mark.parametrize("order", range(6))
 @pytest.mark.parametrize("way", WAYS)
-def test_all_levels_are_just_met_but_only_one_contact_lets_go(way: dict[str, Any]) -> None:
+def test_all_levels_are_just_met_but_only_one_contact_lets_go(way: dict[str, Any], order: int) -> None:
     """The loads on 10 kg reach the level of c3 with 4 N/s; those of b1 reach what its contacts can hold, but fall.
 
-    So all bodies move as one, a = 0.4 t. On b1 the contacts c0, c1 and c6 hold 1 - 4 t + 2 a of at most 1 + t.
+    So all bodies move as one, a = 0.4 t. On b1 the contacts c0, c1 and c6 hold 1 - 4 t + 2 a of at most 1 + t. The
+    order of the contacts does not matter.
     """
-    loads = {"b0": (2.0, -3.0), "b1": (-1.0, 4.0), "b3": (0.0, 3.0)}
-    ends = {
-        "c0": ("b0", "b1", 0.5),
-        "c1": ("b1", "b2", piecewise_linear([0.0, 1.0], [0.0, 1.0])),
-        "c2": ("b0", "b3", 2.0),
-        "c3": (GROUND, "b0", 1.0),
-        "c4": ("b2", "b0", 1.0),
-        "c5": ("b3", "b2", 2.0),
-        "c6": ("b3", "b1", 0.5),
-    }
+    links = contacts(
+        {
+            "c0": ("b0", "b1", 0.5),
+            "c1": ("b1", "b2", line(0.0, 1.0)),
+            "c2": ("b0", "b3", 2.0),
+            "c3": (GROUND, "b0", 1.0),
+            "c4": ("b2", "b0", 1.0),
+            "c5": ("b3", "b2", 2.0),
+            "c6": ("b3", "b1", 0.5),
+        }
+    )
+    links = [links[k] for k in np.random.default_rng(order).permutation(7)] if order else links
     masses = [Body(f"b{k}", inertia=mass) for k, mass in enumerate((3.0, 2.0, 2.0, 3.0))]
-    contacts = [Contact(name, a, b, DryFriction(1.0, 1.0), normal=level) for name, (a, b, level) in ends.items()]
-    forces = [Force(name, piecewise_linear([0.0, 1.0], [at, at + by])) for name, (at, by) in loads.items()]
-    result = simulate(Scene(*masses, *contacts, *forces), (0.0, 0.1), **way)
-    assert [result.mode(name)[-1] == Mode.STUCK for name in ends] == [name != "c3" for name in ends]
+    loads = Force("b0", line(2.0, -3.0)), Force("b1", line(-1.0, 4.0)), Force("b3", line(0.0, 3.0))
+    result = simulate(Scene(*masses, *links, *loads), (0.0, 0.1), **way)
+    assert [link.name for link in links if result.mode(link.name)[-1] != Mode.STUCK] == ["c3"]
     assert all(event.t == 0 for event in result.events)
-    for body in ("b0", "b1", "b2", "b3"):
-        assert result.velocity(body)[-1] == pytest.approx(0.2 * 0.1**2, rel=1e-7, abs=0)
+    for body in masses:
+        assert result.velocity(body.name)[-1] == pytest.approx(0.2 * 0.1**2, rel=1e-7, abs=0)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_bodies_that_begin_to_move_together_are_told_from_roundoff(way: dict[str, Any]) -> None:
+    """Three bodies have a = -3/2 + 4 t/3 and the fourth -3/2 + 2 t: all levels are just met at the start."""
+    links = contacts(
+        {
+            "c0": ("b2", "b1", 0.5),
+            "c1": ("b2", "b3", 1.0),
+            "c2": ("b0", "b3", 1.5),
+            "c3": ("b1", "b2", 6.0),
+            "c4": ("b0", "b2", 3.0),
+            "c5": ("b2", "b0", line(0.0, 2.0)),
+        }
+    )
+    masses = [Body(f"b{k}", inertia=1.0) for k in range(4)]
+    loads = Force("b1", -4.0), Force("b2", line(-3.0, 4.0)), Force("b3", line(1.0, 2.0))
+    result = simulate(Scene(*masses, *links, *loads), (0.0, 0.05), **way)
+    found = [result.velocity(body.name)[-1] for body in masses]
+    assert found == pytest.approx([-0.075 + 0.0025 * slope for slope in (2 / 3, 2 / 3, 2 / 3, 1.0)], rel=1e-7)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_seven_contacts_that_a_drive_tears_apart(way: dict[str, Any]) -> None:
+    """Three bodies of 6 kg move together, with loads of 2 + 4 t: c0, c2 and c5 slow them down, c4 pushes.
+
+    Then 6 a = 2 + 4 t - (3 - 3 t) - (6 - 2 t) - 2 t + (1 - t), or a = -1 + t; the drive has -1.
+    """
+    links = contacts(
+        {
+            "c0": ("d", "b2", line(3.0, -3.0)),
+            "c2": ("b1", "d", line(6.0, -2.0)),
+            "c4": ("b2", "b3", line(1.0, -1.0)),
+            "c5": ("b0", "d", line(0.0, 2.0)),
+            "c6": ("b0", "b1", 2.0),
+            "c8": ("b2", "b1", line(1.0, 0.5)),
+            "c9": (GROUND, "b3", 4.0),
+        }
+    )
+    masses = [Body(f"b{k}", inertia=mass) for k, mass in enumerate((2.0, 1.0, 3.0, 2.0))]
+    loads = Force("b1", 4.0), Force("b2", line(-2.0, 4.0))
+    result = simulate(Scene(*masses, Drive("d", velocity=line(0.0, -1.0)), *links, *loads), (0.0, 0.01), **way)
+    found = [result.velocity(body.name)[-1] for body in masses]
+    assert found == pytest.approx([-0.00995, -0.00995, -0.00995, 0.0], rel=1e-6, abs=1e-9)
+    assert {link.name: int(result.mode(link.name)[-1]) for link in links} == {
+        "c0": -1, "c2": 1, "c4": -1, "c5": 1, "c6": 0, "c8": 0, "c9": 0,
+    }  # fmt: skip
 
 
 def test_random_networks_move_as_least_constraint_tells() -> None:
