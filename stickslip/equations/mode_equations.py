@@ -494,6 +494,15 @@ class ModeEquations:
         return assembled(system.size, [(slice(n), slice(n), self.balance.accelerations(forces))])
 
     @cached_property
+    def bristle_maps(self) -> tuple[Any, Any]:
+        """The map from forces of rows with bristles to rates, and that from states to their relative velocities."""
+        rows, system = self.law.bristles, self.system
+        units = np.zeros((self.velocity_dependent.size, rows.size))
+        units[rows, np.arange(rows.size)] = 1.0
+        pushed = self.push(units)[: system.size]
+        return scipy.sparse.csr_array(pushed) if system.sparse else pushed, self._led_velocities[rows]
+
+    @cached_property
     def jacobian_pattern(self) -> Any:
         """A matrix whose entries are those of ``d y' / d y`` that may differ from 0, but for bristles."""
         if not self.velocity_dependent.size:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.floats import Sums, rates_of, smallest_of
-from stickslip.equations.algebra.matrices import assembled, dense
+from stickslip.equations.algebra.matrices import assembled, dense, scaled
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads.loads import NO_SINE_TURNS, Segment
@@ -288,23 +288,40 @@ class Motion(Inputs):
         """
         y[self.system.clocked] = self.y[self.system.clocked]
 
-    def jacobian(self, tau: float, y: Array, true_slopes: bool = False) -> Any:
-        """Return ``d y' / d y``, dense or sparse as the scene is.
+    def jacobian(self, tau: float, y: Array) -> Any:
+        """Return ``d y' / d y``, dense or sparse as the scene is; slopes of friction are flatter where that helps."""
+        return self._jacobian(tau, y, self._law_slopes(tau, y) if self.has_law else None)
 
-        With `true_slopes`, those of friction are exact, however steep; a solver needs flatter ones.
+    def true_jacobians(self, taus: Array, y: Array) -> Iterator[Any]:
+        """Yield ``d y' / d y`` at some times, for columns of states, with the slopes of friction, however steep."""
+        slopes = self._law_slopes(taus, y, true=True) if self.has_law else None
+        for i, tau in enumerate(taus.tolist()):
+            yield self._jacobian(tau, y[:, i], None if slopes is None else [part[:, i] for part in slopes])
+
+    def _law_slopes(self, tau: float | Array, y: Array, true: bool = False) -> list[Array]:
+        """Return the derivatives of forces that depend on velocity by w, and those of bristles.
+
+        These are the derivatives of their rates by w and z, and of the forces by z.
         """
+        law, terms = self.equations.law, self.law_arguments(tau, y)
+        w, normal, _, z = terms
+        slopes = law.slopes(*terms)
+        if true:
+            slopes = slopes + law.slope_cut(w, normal)
+        if not law.bristles.size:
+            return [slopes]
+        return [slopes, *law.bristle_slopes(w, normal, z), law.by_bristle(w, normal, z)]
+
+    def _jacobian(self, tau: float, y: Array, slopes: list[Array] | None) -> Any:
+        """Return ``d y' / d y`` with the `slopes` of forces that depend on velocity, None where there are none."""
         equations = self.equations
         matrix = equations.jacobian()
         if self.dependence is not None:
             matrix = matrix + self._of_dependence(tau, y)
-        if not self.has_law:
+        if slopes is None:
             return matrix
-        terms = self.law_arguments(tau, y)
-        slopes = equations.law.slopes(*terms)
-        if true_slopes:
-            slopes += equations.law.slope_cut(*terms[:2])
-        matrix = matrix + equations.law_jacobian(slopes)
-        return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
+        matrix = matrix + equations.law_jacobian(slopes[0])
+        return matrix if len(slopes) == 1 else self._with_bristles(matrix, *slopes[1:])
 
     @property
     def jacobian_pattern(self) -> Any:
@@ -344,22 +361,13 @@ class Motion(Inputs):
             matrix = scipy.sparse.csr_array(matrix @ fold)
         return matrix
 
-    def _with_bristles(self, matrix: Any, terms: tuple[Array, Array, Array, Array]) -> Any:
+    def _with_bristles(self, matrix: Any, by_w: Array, by_z: Array, by_bristle: Array) -> Any:
         """Add the entries of the bristles: ``dz'/dw W``, ``dz'/dz`` and ``K dr/dz``."""
-        equations, system = self.equations, self.system
-        law, places = equations.law, equations.bristle_places
-        w, normal, _, z = terms
-        by_w, by_z = law.bristle_slopes(w, normal, z)
-        some = equations.velocity_dependent[law.bristles]
-        size, count, n = system.size, places.size, system.n
-        units = np.zeros((equations.velocity_dependent.size, count))
-        units[law.bristles, np.arange(count)] = 1.0
-        pushed, every = equations.push(units)[:size], slice(size)
-        lines = np.zeros((count, size))
-        lines[:, :n] = by_w[:, None] * dense((system.G @ equations.balance.T)[some])
-        lines[np.arange(count), places] += by_z
-        by_bristle = pushed * law.by_bristle(w, normal, z)
-        return assembled(size, [(every, every, matrix), (places, every, lines), (every, places, by_bristle)])
+        places, size = self.equations.bristle_places, self.system.size
+        pushed, velocities = self.equations.bristle_maps
+        lines, every = dense(scaled(by_w, velocities)), slice(size)
+        lines[np.arange(places.size), places] += by_z
+        return assembled(size, [(every, every, matrix), (places, every, lines), (every, places, pushed * by_bristle)])
 
     # -- series ----------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.model.arrays import Array, Mask
+from stickslip.model.arrays import Array, Mask, like
 from stickslip.model.laws.base import Kernel
 from stickslip.model.slopes import slope_by_differences
 
@@ -75,7 +75,7 @@ class Kinetic:
         return lambda speed: level + fall * math.exp(-((min(speed, speed_limit) / velocity) ** exponent))
 
     def slope(self, w: Array) -> Array:
-        """Return the derivatives with respect to speed at `w` (k,), limited near rest to help a solver.
+        """Return the derivatives with respect to speed at `w` (k,) or (k, times), limited near rest to help a solver.
 
         With an exponent below 1 the true derivatives grow without bound towards rest. With these, Newton's method in
         the solver would step back across the rest that a contact has just left, and that would cause a storm of events.
@@ -83,10 +83,10 @@ class Kinetic:
         return self._slope(w, self._steepest, _limited_slope)
 
     def slope_cut(self, w: Array) -> Array:
-        """Return the true derivatives minus `slope` at `w` (k,); at 0 the true one is that just beside 0, if finite."""
-        beside = np.where((w == 0) & (self.exponent >= 1), _NEXT_TO_REST * self._velocity, w)
+        """Return the true derivatives minus `slope`, for the same `w`; at 0 that just beside 0, where it is finite."""
+        beside = np.where((w == 0) & like(self.exponent >= 1, w), like(_NEXT_TO_REST * self._velocity, w), w)
         beside[list(self._functions)] = w[list(self._functions)]
-        if not (self._functions or ((self._steepest > np.abs(w)) | (beside != w)).any()):
+        if not (self._functions or ((like(self._steepest, w) > np.abs(w)) | (beside != w)).any()):
             return np.zeros_like(w)
         return self._slope(beside, np.zeros_like(self._steepest), _true_slope) - self.slope(w)
 
@@ -95,14 +95,16 @@ class Kinetic:
     ) -> Array:
         slope = np.zeros_like(w)
         if self._bent:
-            ratio = np.clip(np.abs(w), steepest, self._speed_limit) / self._velocity
+            velocity, exponent = like(self._velocity, w), like(self.exponent, w)
+            ratio = np.clip(np.abs(w), like(steepest, w), like(self._speed_limit, w)) / velocity
             moving = w != 0
             ratio[~moving] = 1.0
-            power = ratio**self.exponent
-            slope = -self._of_side(self._fall, w) * np.exp(-power) * self.exponent * power / ratio
-            slope *= moving / self._velocity
+            power = ratio**exponent
+            slope = -self._of_side(self._fall, w) * np.exp(-power) * exponent * power / ratio
+            slope *= moving / velocity
         for row, kinetic in self._functions.items():
-            slope[row] = of_function(kinetic, float(abs(w[row])))
+            speeds = np.abs(w[row]).tolist()
+            slope[row] = of_function(kinetic, speeds) if w.ndim == 1 else [of_function(kinetic, v) for v in speeds]
         return slope
 
     def _of_side(self, values: Array, w: Array) -> Array:
@@ -175,5 +177,5 @@ class Slipping(Kernel):
         return self._mu.slope_cut(self._speed(w)) * normal
 
     def _speed(self, w: Array) -> Array:
-        speed = self._sign * w
-        return np.where(self._turned, np.abs(speed), np.maximum(speed, 0.0))
+        speed = like(self._sign, w) * w
+        return np.where(like(self._turned, w), np.abs(speed), np.maximum(speed, 0.0))

@@ -48,16 +48,16 @@ class _Bristles(Kernel):
         return force_and_rate
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        return np.asarray(self._damping * self.rate_slopes(w, normal, z)[0] + self._viscous)
+        return np.asarray(like(self._damping, w) * self.rate_slopes(w, normal, z)[0] + like(self._viscous, w))
 
     def rates(self, w: Array, normal: Array, z: Array) -> Array:
         return w - self.relaxation(w, normal) * z
 
     def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
-        speed, g = np.abs(w), self._mu(w) * normal
-        uncapped = g * MAX_RATE > self._stiffness * speed
+        speed, g, stiffness = np.abs(w), self._mu(w) * normal, like(self._stiffness, w)
+        uncapped = g * MAX_RATE > stiffness * speed
         g = np.where(uncapped, g, 1.0)
-        by_speed = np.where(uncapped, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
+        by_speed = np.where(uncapped, stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
         return 1.0 - z * np.sign(w) * by_speed, -self.relaxation(w, normal)
 
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
@@ -66,7 +66,7 @@ class _Bristles(Kernel):
         return np.asarray(self._damping * rate), rate
 
     def by_state(self, w: Array, normal: Array, z: Array) -> Array:
-        return np.asarray(self._stiffness - self._damping * self.relaxation(w, normal))
+        return np.asarray(like(self._stiffness, w) - like(self._damping, w) * self.relaxation(w, normal))
 
     def relaxation(self, w: Array, normal: Array) -> Array:
         """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""

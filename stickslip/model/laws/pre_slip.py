@@ -65,8 +65,9 @@ class Smooth(Kernel):
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives with respect to `w`."""
-        x = w / self._velocity
-        rise = self.step_slope(x) / self._velocity
+        velocity = like(self._velocity, w)
+        x = w / velocity
+        rise = self.step_slope(x) / velocity
         return np.asarray(normal * (self._mu(w) * rise + self._mu.slope(w) * np.abs(self.step(x))))
 
     def step(self, x: Array) -> Array:

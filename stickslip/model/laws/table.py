@@ -80,7 +80,7 @@ class VelocityDependentForces:
         return functions if len(functions) == self._count else None
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        """Return the derivatives (k,) of the forces with respect to `w`, at fixed states."""
+        """Return the derivatives of the forces with respect to `w`, at fixed states; all are (k,) or (k, times)."""
         d = np.empty_like(w)
         for rows, own, kernel in self._parts:
             d[rows] = kernel.slopes(w[rows], normal[rows], lag[rows], z[own])

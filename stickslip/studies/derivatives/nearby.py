@@ -233,8 +233,8 @@ class Nearby:
                 shift += weight * change
                 rates.append(weight * near.rate(taus[some], at[:, some] + change))
             found[:, some, k] = total(rates)
-            for place, i in enumerate(some.tolist()):
-                found[:, i, k] -= motion.jacobian(float(taus[i]), y[:, i], true_slopes=True) @ shift[:, place]
+            for place, matrix in enumerate(motion.true_jacobians(taus[some], y[:, some])):
+                found[:, some[place], k] -= matrix @ shift[:, place]
         return found
 
     def slopes_at(

@@ -174,8 +174,8 @@ def _by_time(motion: Motion, end: float, taus: Array, y: Array) -> Array:
         change = least_change(motion.equations, rows, w - system.relative_velocity(y, motion.loads(later))[rows])
         found += weight / h * motion.rate(later, y + change)
         shift += weight / h * change
-    for i, tau in enumerate(taus.tolist()):
-        found[:, i] -= motion.jacobian(tau, y[:, i], true_slopes=True) @ shift[:, i]
+    for i, matrix in enumerate(motion.true_jacobians(taus, y)):
+        found[:, i] -= matrix @ shift[:, i]
     return found
 
 
@@ -212,7 +212,7 @@ def _collocation(motion: Motion, h: float, taus: Array, y: Array, forcing: Array
     `y` are the states, and `forcing` the rates that S does not cause, at the times of the stages.
     """
     _, weights, to_powers = radau()
-    slopes = np.array([dense(motion.jacobian(tau, y[:, j], true_slopes=True)) for j, tau in enumerate(taus.tolist())])
+    slopes = np.array([dense(matrix) for matrix in motion.true_jacobians(taus, y)])
     blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
     whole = np.eye(y.size) - blocks.reshape(y.size, y.size)
     right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing)
