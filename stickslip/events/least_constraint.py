@@ -35,17 +35,16 @@ def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indice
     left, up = soon(motion, guards.start[:, limits]), guards.direction[limits] > 0
     low, high = np.full(rows.size, -np.inf), np.full(rows.size, np.inf)
     low[place[~up]], high[place[up]] = -left[~up], left[up]
-    high = np.maximum(high, np.nextafter(low, np.inf))
     rest = equations.is_held.copy()
     rest[rows] = False
     per_force = np.asarray(system.balance(rest).accelerations(dense(system.GT[:, rows])))
     root = np.sqrt(system.inertia)[:, None] * per_force  # W = root^T root
     # the tolerance is one of numbers near 1
     force, size = float(np.abs(left).max(initial=0.0)) or 1.0, float(np.abs(root).max(initial=0.0)) or 1.0
-    least = scipy.optimize.lsq_linear(
-        root / size, np.zeros(root.shape[0]), bounds=(low / force, high / force), method="bvls", tol=_TOLERANCE
-    )
-    delta = force * least.x
+    low, high = low / force, high / force
+    bounds = low, np.maximum(high, np.nextafter(low, np.inf))
+    none = np.zeros(root.shape[0])
+    delta = force * scipy.optimize.lsq_linear(root / size, none, bounds, method="bvls", tol=_TOLERANCE).x
     accelerations = -root.T @ (root @ delta)
     roundoff = _ROUNDOFF * (np.abs(root.T) @ (np.abs(root) @ np.abs(delta)))
     if equations.balance.parting is not None:
