@@ -29,7 +29,7 @@ from stickslip.equations.taylor import ORDER, TaylorMap, is_small
 from stickslip.model.arrays import Array, Indices, Mask, Modes, like
 from stickslip.model.laws.table import VelocityDependentForces
 
-_NO_SHARE = 1e-14  # part of the largest coefficient of a share below which one is roundoff
+_ROUNDOFF_OF_SHARE = 1e-14  # coefficients of a share below this part of its largest are roundoff
 _LOCKED = 1e-11  # a row cannot move if elimination leaves no more than this part of its coefficients
 _MOST_MAPS = 50
 
@@ -254,7 +254,7 @@ class ModeEquations:
             units, own = np.split(both[:, bodies], [held.size])
             units = units / scale[held][:, None]
             shares = own / scale[self.at_level[top]][:, None] ** 2 @ np.linalg.pinv(units.T @ units)
-            shares[np.abs(shares) <= _NO_SHARE * np.abs(shares).max(axis=1, keepdims=True)] = 0.0
+            shares[np.abs(shares) <= _ROUNDOFF_OF_SHARE * np.abs(shares).max(axis=1, keepdims=True)] = 0.0
             found.extend(np.repeat(top, bodies.size), np.tile(bodies, top.size), shares.ravel())
         return system.matrix(found, (self.at_level.size, system.n))
 

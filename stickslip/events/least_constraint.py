@@ -50,6 +50,6 @@ def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indice
     if equations.balance.parting is not None:
         # what drives tear apart moves even in the motion that holds all rows
         rate = system.drive_accelerations(motion.start.q[0])
-        accelerations += system.G[rows] @ (equations.balance.U @ rate) + system.D[rows] @ rate
+        accelerations += system.relative(equations.balance.U @ rate, rate)[rows]
     moves = np.abs(accelerations) > np.maximum(roundoff, _AT_REST * np.abs(accelerations).max(initial=0.0))
     return rows, np.where(moves, accelerations, 0.0)

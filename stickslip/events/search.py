@@ -334,8 +334,7 @@ class Search:
         if system.drives:
             for q in motion.start.q:
                 rate = system.drive_accelerations(q)
-                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
-                found |= np.abs(led) > _ALONG * np.abs(rate).max(initial=0.0)
+                found |= np.abs(system.relative(others.U @ rate, rate)[rows]) > _ALONG * np.abs(rate).max(initial=0.0)
         return found
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:

@@ -23,6 +23,8 @@ from stickslip import (
     OneWay,
     Scene,
     Signal,
+    SimulationError,
+    Stop,
     piecewise_linear,
     simulate,
 )
@@ -207,6 +209,27 @@ def test_seven_contacts_that_a_drive_tears_apart(way: dict[str, Any]) -> None:
     assert {link.name: int(result.mode(link.name)[-1]) for link in links} == {
         "c0": -1, "c2": 1, "c4": -1, "c5": 1, "c6": 0, "c8": 0, "c9": 0,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_clutch_that_a_drive_presses_against_a_stop_does_not_run_forward(way: dict[str, Any]) -> None:
+    """The clutch allows v >= 0 only, and the stop v <= -2 t: seven contacts beside them do not make that possible."""
+    links = contacts(
+        {
+            "c0": ("b", "back", 0.5),
+            "c1": (GROUND, "b", 0.5),
+            "c2": ("b", GROUND, 1.0),
+            "c3": ("back", "b", 0.5),
+            "c4": ("b", GROUND, 1.0),
+            "c5": ("b", GROUND, 1.0),
+            "c6": ("b", "ahead", 1.0),
+        }
+    )
+    drives = Drive("back", velocity=line(0.0, -2.0)), Drive("ahead", velocity=line(0.0, 1.0))
+    clutch, stop = OneWay("clutch", GROUND, "b"), Stop("stop", "b", "back", lower=-1.0, upper=0.0)
+    with pytest.raises(SimulationError, match="'clutch', 'stop' are pressed together") as caught:
+        simulate(Scene(Body("b", inertia=1.0), *drives, *links, clutch, stop), (0.0, 0.5), **way)
+    assert caught.value.t == 0
 
 
 def test_random_networks_move_as_least_constraint_tells() -> None:
