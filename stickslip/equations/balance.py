@@ -12,6 +12,7 @@ of least norm are returned.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -91,6 +92,13 @@ class Balance:
         """
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
+
+    @cached_property
+    def together(self) -> Balance:
+        """The same balance for drives that do not move apart: the forces that would hold them together are left out."""
+        found = copy.copy(self)
+        found.parting = None
+        return found
 
     @cached_property
     def is_driven(self) -> bool:
@@ -363,7 +371,10 @@ class _Component:
                 of_loop = np.array([links[number == k].any(axis=0) for k in range(number.max() + 1)])
                 stiff = _RIGID * ((of_loop @ np.abs(G) > 0) @ inertia)
                 stiff[stiff == 0] = _RIGID
-                self.parting = null.T @ gram @ (stiff[number][:, None] * off)
+                wide = stiff[number][:, None] * off
+                parting, size = null.T @ gram @ wide, np.abs(null.T) @ np.abs(gram) @ np.abs(wide)
+                parting[np.abs(parting) <= _ZERO * size] = 0.0
+                self.parting = parting
 
 
 def self_stress(G: Any, levers: Array) -> Array:

@@ -29,6 +29,7 @@ class Inputs:
     """
 
     def __init__(self, equations: ModeEquations, segment: Segment, t: float, y: Array, since: Array) -> None:
+        equations = equations.for_drives_in(segment)
         self.equations, self.segment, self.t, self.y, self.since = equations, segment, t, y, since
         system = self.system = equations.system
         self.horizon = segment.stop - t

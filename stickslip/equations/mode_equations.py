@@ -22,7 +22,7 @@ from stickslip.equations.algebra.matrices import (
 from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.equilibrium import Equilibrium
 from stickslip.equations.guard_rows import GuardRows
-from stickslip.equations.loads.loads import SineTurns, TableRegions
+from stickslip.equations.loads.loads import Segment, SineTurns, TableRegions
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import CouplingForces, System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_small
@@ -31,6 +31,7 @@ from stickslip.model.laws.table import VelocityDependentForces
 
 _ROUNDOFF_OF_SHARE = 1e-14  # coefficients of a share below this part of its largest are roundoff
 _LOCKED = 1e-11  # a row cannot move if elimination leaves no more than this part of its coefficients
+_TEARS = 1e-9  # part of its majorant below which a force between drives that move apart is roundoff
 _MOST_MAPS = 50
 
 # Sparse maps are put together if the force on one body changes at most so many accelerations on average.
@@ -110,11 +111,11 @@ class ModeEquations:
         Whether one matrix may give all Taylor coefficients of a linear motion.
     """
 
-    def __init__(self, system: System, modes: Modes, regions: Regions) -> None:
+    def __init__(self, system: System, modes: Modes, regions: Regions, balance: Balance | None = None) -> None:
         self.system, self.modes, self.regions = system, modes, regions
         self._place_rows()
         self._place_laws()
-        self.balance = system.balance(self.is_held)
+        self.balance = system.balance(self.is_held) if balance is None else balance
         self.dependent = self.balance.dependent
         self.T_dependent, self.U_dependent = self.balance.T_dependent, self.balance.U_dependent
         self.is_driven = self.balance.is_driven
@@ -132,6 +133,23 @@ class ModeEquations:
         self._responds_at_once = not system.sparse and (self.velocity_dependent.size > 0 or self.is_small)
         acts = self.velocity_dependent.size > 0 or system.has_couplings
         self.is_assembled = not system.sparse or (acts and self.balance.changed_accelerations <= _NEAR * system.n)
+
+    def for_drives_in(self, segment: Segment) -> ModeEquations:
+        """Return the equations for the loads of a segment: those of drives that move `together` where they do.
+
+        The forces that tear rows would be 0, but with a roundoff far above that of all others.
+        """
+        parting = self.balance.parting
+        if parting is None:
+            return self
+        rates = self.system.drive_accelerations(segment.factors.T)
+        tears = np.abs(parting @ rates) > _TEARS * (abs(parting) @ np.abs(rates))
+        return self if tears.any() else self.together
+
+    @cached_property
+    def together(self) -> ModeEquations:
+        """The same equations without the forces that rows would need to hold drives together that move apart."""
+        return ModeEquations(self.system, self.modes, self.regions, self.balance.together)
 
     # -- rows ------------------------------------------------------------------------------------------------
 

@@ -1,11 +1,13 @@
 """Which rows at rest begin to move, by Gauss' principle of least constraint.
 
-Forces ``lambda + delta`` instead of those that hold all rows accelerate them by ``w' = -W delta``, where
-``W = G M^-1 G^T``. Of the forces within all limits those that follow the laws make ``1/2 delta^T W delta`` as small as
-possible (Moreau, "Quadratic programming in mechanics", SIAM Journal on Control 4, 1966): bounded least squares. Where
-static and Coulomb levels are equal, w' are the accelerations to come. Elsewhere the rows that begin to move carry less
-than their static level, and other rows may let go after them. Where drives tear rows apart their accelerations are
-added to w', but the work of the drives is left out: there it only tells where to begin.
+Forces ``lambda + delta`` instead of those that hold all rows accelerate them by ``w' = e - W delta``, where
+``W = G M^-1 G^T`` and ``e`` are the relative accelerations that drives force upon the rows that they tear apart. Of the
+forces within all limits those that follow the laws make ``1/2 delta^T W delta - e^T delta`` as small as possible
+(Moreau, "Quadratic programming in mechanics", SIAM Journal on Control 4, 1966). Without drives these are bounded least
+squares; with them the proximal point algorithm makes them a few of those (Rockafellar, "Monotone operators and the
+proximal point algorithm", SIAM Journal on Control and Optimization 14, 1976). Where static and Coulomb levels are
+equal, w' are the accelerations to come. Elsewhere the rows that begin to move carry less than their static level, and
+other rows may let go after them.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from stickslip.model.arrays import Array, Indices, Mask
 _AT_REST = 1e-9  # part of the largest relative acceleration below which a row stays at rest
 _ROUNDOFF = 1e-14  # part of its terms below which a relative acceleration is roundoff
 _TOLERANCE = 1e-14  # of the least squares
+_NEAR = 1e-3  # each step of the proximal point algorithm adds this times the change, squared
+_MOST_STEPS = 100
 
 
 def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indices, Array]:
@@ -42,14 +46,25 @@ def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indice
     # the tolerance is one of numbers near 1
     force, size = float(np.abs(left).max(initial=0.0)) or 1.0, float(np.abs(root).max(initial=0.0)) or 1.0
     low, high = low / force, high / force
-    bounds = low, np.maximum(high, np.nextafter(low, np.inf))
-    none = np.zeros(root.shape[0])
-    delta = force * scipy.optimize.lsq_linear(root / size, none, bounds, method="bvls", tol=_TOLERANCE).x
-    accelerations = -root.T @ (root @ delta)
-    roundoff = _ROUNDOFF * (np.abs(root.T) @ (np.abs(root) @ np.abs(delta)))
-    if equations.balance.parting is not None:
-        # what drives tear apart moves even in the motion that holds all rows
-        rate = system.drive_accelerations(motion.start.q[0])
-        accelerations += system.relative(equations.balance.U @ rate, rate)[rows]
+    rate = system.drive_accelerations(motion.start.q[0])
+    torn = np.asarray(system.relative(equations.balance.U @ rate, rate)[rows])
+    torn[np.abs(torn) <= _AT_REST * np.abs(rate).max(initial=0.0)] = 0.0
+    delta = force * _least(root / size, torn / (force * size**2), (low, np.maximum(high, np.nextafter(low, np.inf))))
+    accelerations = torn - root.T @ (root @ delta)
+    roundoff = _ROUNDOFF * (np.abs(root.T) @ (np.abs(root) @ np.abs(delta)) + np.abs(torn))
     moves = np.abs(accelerations) > np.maximum(roundoff, _AT_REST * np.abs(accelerations).max(initial=0.0))
     return rows, np.where(moves, accelerations, 0.0)
+
+
+def _least(root: Array, led: Array, bounds: tuple[Array, Array]) -> Array:
+    """Return the x within bounds that makes ``1/2 |root x|^2 - led x`` least."""
+    none = np.zeros(root.shape[0])
+    if not led.any():
+        return np.asarray(scipy.optimize.lsq_linear(root, none, bounds, method="bvls", tol=_TOLERANCE).x)
+    near, x = np.vstack([root, _NEAR * np.eye(led.size)]), np.clip(np.zeros(led.size), *bounds)
+    for _ in range(_MOST_STEPS):
+        goal = np.concatenate([none, _NEAR * x + led / _NEAR])
+        last, x = x, scipy.optimize.lsq_linear(near, goal, bounds, method="bvls", tol=_TOLERANCE).x
+        if np.abs(x - last).max() <= _TOLERANCE * np.abs(x).max():
+            break
+    return x

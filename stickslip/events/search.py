@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from stickslip.equations.balance import Balance, component_numbers
 from stickslip.equations.guards.at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.loads.loads import Segment
-from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, equations_in
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, ModeEquations, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
@@ -23,7 +22,6 @@ from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
-_ENUMERATED = 6
 _MOST_TRIALS = 1000
 
 
@@ -96,7 +94,7 @@ class Search:
 
         Then releasing one row after another has run in a circle, in the parts that have changed since. There rows share
         what they hold, beginning from the first trial, in which all rows are held that may be held. If these modes have
-        been tried, too, all combinations are tried, and where those are too many, the modes by least constraint.
+        been tried, too, the modes by least constraint are tried.
         """
         if (since := self._place(following)) is None:
             return following
@@ -108,8 +106,6 @@ class Search:
         following = self._shared(start, circling)
         if self._place(following) is None:
             return following
-        if (consistent := self._enumerated(start, circling)) is not None:
-            return consistent
         following = self._least_constrained(start, circling)
         if self._place(following) is not None:
             following = self._shared(following, circling)
@@ -142,20 +138,22 @@ class Search:
             self._regions = self._regions.copy()
             self._regions[functions.is_stop] = np.where(trial[row] == APART, 0, side)
         while True:
-            equations = equations_in(trial, self._system, self._regions)
-            motion = Motion(equations, self._segment, self._now.t, self._y, self._now.since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty)
+            motion, guards = self._of(equations_in(trial, self._system, self._regions))
             seen.add(self._regions.tobytes())
-            if not equations.borders.size:
+            if not motion.equations.borders.size:
                 return motion, guards
             over = guards.violated[guards.is_border]
-            over &= ~functions.is_stop[functions.owner[equations.borders]]
+            over &= ~functions.is_stop[functions.owner[motion.equations.borders]]
             if not over.any():
                 return motion, guards
             following = self._beyond(motion, over)
             if following.tobytes() in seen:
                 return motion, guards
             self._regions = following
+
+    def _of(self, equations: ModeEquations) -> tuple[Motion, Guards]:
+        motion = Motion(equations, self._segment, self._now.t, self._y, self._now.since)
+        return motion, Guards(motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty)
 
     def _beyond(self, motion: Motion, over: Mask) -> Regions:
         """Return the regions beyond some of the borders; if several belong to one function, the first counts."""
@@ -167,7 +165,7 @@ class Search:
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
         if not np.count_nonzero(guards.violated):
-            return None
+            return self._let_go(trial, motion)
         violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:
             return again
@@ -207,6 +205,24 @@ class Search:
             rows, side = rows[others], side[others]
         if rows.size:
             self._release(following, motion, guards, rows, side)
+        return following
+
+    def _let_go(self, trial: Modes, motion: Motion) -> Modes | None:
+        """Return modes in which no row carries its level that moves, None if there is none.
+
+        A row carries its level while others hold it at rest: these may have been let go after it.
+        """
+        top, system = motion.equations.at_level, self._system
+        top = top[~motion.equations.locked(top)]
+        if not top.size:
+            return None
+        v, u = motion.start.y[1, : system.n], system.drive_accelerations(motion.start.q[0])
+        rough = system.abs_G[top] @ np.abs(v) + system.abs_D[top] @ np.abs(u)
+        moves = np.abs(system.relative(v, u)[top]) > ROUNDOFF * rough
+        if not moves.any():
+            return None
+        following, top = trial.copy(), top[moves]
+        following[top] = self._moving(top, np.where(trial[top] == AT_HIGH, 1.0, -1.0))
         return following
 
     def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
@@ -371,6 +387,8 @@ class Search:
         In the trial all rows of these parts are held that may be held.
         """
         motion, guards, found = *self._build(trial), trial.copy()
+        if motion.equations.balance.parting is not None:
+            motion, guards = self._of(motion.equations.together)
         for part in parts:
             rows, accelerations = least_constraint(motion, guards, self._part_of_row == part)
             found[rows] = np.where(accelerations == 0, 0, self._moving(rows, accelerations))
@@ -413,33 +431,10 @@ class Search:
             yield shared[own]
         yield modes[own]
 
-    def _enumerated(self, trial: Modes, parts: list[int]) -> Modes | None:
-        """Return modes that are consistent in some parts, of all combinations there; None for none, or too many."""
-        for part in parts:
-            rows = self._candidates_of([part])
-            if rows.size > _ENUMERATED:
-                return None
-            for found in self._combinations(rows, trial):
-                guards = self._build(found)[1]
-                if not guards.violated[self._part_of_row[guards.row] == part].any():
-                    trial = found
-                    break
-            else:
-                return None
-        return trial
-
     def _candidates_of(self, parts: list[int]) -> Indices:
         """Return the rows of some parts that may be held, but for ties."""
         may_be_held: Mask = self._candidates & ~self._system.is_tie & np.isin(self._part_of_row, parts)
         return may_be_held.nonzero()[0]
-
-    def _combinations(self, rows: Indices, trial: Modes) -> Iterator[Modes]:
-        system = self._system
-        choices = [(0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows]
-        for values in sorted(product(*choices), key=np.count_nonzero):
-            found = trial.copy()
-            found[rows] = values
-            yield found
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:

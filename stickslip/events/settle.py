@@ -96,6 +96,9 @@ def carried_on(last: Settled, segment: Segment, t: float, y: Array, modes: Modes
     motion = last.motion
     equations = equations_in(modes, motion.system, motion.equations.regions)
     following = Motion(equations, segment, t, motion.exact(t - motion.t, y), motion.since)
+    if following.equations.balance.parting is not None:
+        # drives tear rows from here on
+        return None
     none = np.zeros(last.labels.size, dtype=bool)
     guards = Guards(following, last.labels, none, none, last.guards.velocity_uncertainty)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:

@@ -430,7 +430,8 @@ class Samples(PickledByFields):
         for held, chosen in sets:
             rows, balance = held.nonzero()[0], system.balance(held)
             own, led = columns(pushes, chosen), None if is_even else columns(drives, chosen)
-            rest = balance.held_forces(own, balance.accelerations(own, led), led)
+            # drives do not tear rows that hold
+            rest = balance.held_forces(own, balance.accelerations(own, led))
             forces[at_rows(rows, chosen)] = rest
 
 

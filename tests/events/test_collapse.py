@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import permutations
 from typing import Any
 
@@ -14,12 +15,16 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     OneWay,
     Result,
     Scene,
+    SimulationError,
+    Stop,
     Tie,
     piecewise_linear,
     simulate,
+    sine,
     step,
 )
 
@@ -149,6 +154,60 @@ def test_drives_that_move_alike_but_for_roundoff_tear_nothing(
         Force("b", piecewise_linear([0.5, 0.5], [0.0, force + 0.3])),
     )
     assert changes(simulate(scene, (0.0, 0.9), **options)) == {(n, 0.5, mode) for n, mode in moving.items()}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize("amplitude", [0.0, 0.02])
+def test_drives_that_move_alike_only_for_a_time_tear_nothing_before(amplitude: float, options: dict[str, Any]) -> None:
+    """Two belts hold 1 kg with 1 N each; the load is 2 N + v' at 0.75 s. From 1 s on one of the belts slows down."""
+    common = piecewise_linear([0.0, 1.0], [0.0, 1.0]) + sine(amplitude, 4.0)
+    rate = 1.0 + 8.0 * math.pi * amplitude * math.cos(8.0 * math.pi * 0.75)
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("first", velocity=common),
+        Drive("second", velocity=common + piecewise_linear([1.0, 2.0], [0.0, -3.0])),
+        contact("one", "b", "first", 1.0),
+        contact("two", "b", "second", 1.0),
+        # steep enough to reach the level only there
+        Force("b", piecewise_linear([0.65, 0.75, 0.85], [0.0, 2.0 + rate, 4.0 + 2.0 * rate])),
+    )
+    result = simulate(scene, (0.0, 0.8), **options)
+    assert {(e.contact, int(e.after)) for e in result.events} == {("one", 1), ("two", 1)}
+    assert [e.t for e in result.events] == pytest.approx([0.75, 0.75], abs=1e-10)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_a_drive_that_begins_to_move_between_clutches_presses_them_together(options: dict[str, Any]) -> None:
+    """The body may not move backward, nor faster than the belt, which turns back at 1 s."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, -2.0])),
+        OneWay("ahead", "b", "belt"),
+        OneWay("back", GROUND, "b"),
+    )
+    with pytest.raises(SimulationError, match="'ahead', 'back' are pressed together") as caught:
+        simulate(scene, (0.0, 2.0), **options)
+    assert caught.value.t == 1.0
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_what_presses_rows_together_is_told_beside_contacts_that_hold_nothing(options: dict[str, Any]) -> None:
+    """The belt pushes b1 forward by way of the clutch, and the gear b0 backward: the stop does not let them part."""
+    scene = Scene(
+        Body("b0", inertia=1.0),
+        Body("b1", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
+        Contact("between", "b1", "b0", DryFriction(1.0, 0.5), normal=1.0),
+        Contact("ground", GROUND, "b0", DryFriction(1.0, 1.0), normal=1.0),
+        Gear("gear", "b1", "b0", ratio=-1.0),
+        OneWay("clutch", "belt", "b1"),
+        Stop("stop", "b1", "b0", lower=-1.0, upper=0.0, restitution=0.0),
+        Force("b0", -1.0),
+        Force("b1", -2.0),
+    )
+    with pytest.raises(SimulationError, match="'gear', 'clutch', 'stop' are pressed together") as caught:
+        simulate(scene, (0.0, 2.0), **options)
+    assert caught.value.t == 1.0
 
 
 @pytest.mark.parametrize("options", ENGINES)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 
 from stickslip import (
     GROUND,
@@ -19,6 +19,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     Mode,
     OneWay,
     Scene,
@@ -248,3 +249,88 @@ def test_random_networks_move_as_least_constraint_tells() -> None:
         exact = accelerations(bodies, rows)
         found = [result.velocity(name)[-1] / 1e-3 for name in names]
         assert found == pytest.approx(exact, abs=1e-6), seed
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_drive_pulls_where_all_other_contacts_just_hold(way: dict[str, Any]) -> None:
+    """c1 pulls b0 with 2 N until the belt turns round at 1.5 s: with its load of 1 - 3 t the others must hold 3 - 3 t.
+
+    At the start c4 and c5 can hold just that, and c3 just holds the load of -2 + t on b1, if c0 and c2 take all that
+    they can. So no body moves, and at 1.5 s the belt pulls b0 backward.
+    """
+    links = contacts(
+        {
+            "c0": ("b1", "b3", 1.0),
+            "c1": ("b0", "belt", 2.0),
+            "c2": (GROUND, "b3", 1.0),
+            "c3": ("b1", "b2", 1.0),
+            "c4": ("b0", "b2", 1.0),
+            "c5": (GROUND, "b0", 2.0),
+            "c6": ("b2", GROUND, piecewise_linear([0.0, 2.0], [0.0, 2.0])),
+        }
+    )
+    masses = [Body(f"b{k}", inertia=mass) for k, mass in enumerate((1.0, 1.0, 1.0, 2.0))]
+    belt = Drive("belt", velocity=piecewise_linear([0.0, 1.0, 2.0], [0.0, 2.0, -2.0]))
+    loads = (
+        Force("b0", piecewise_linear([0.0, 1.0, 2.0], [1.0, -2.0, -2.0])),
+        Force("b1", piecewise_linear([0.0, 1.0, 2.0], [-2.0, -1.0, 1.0])),
+    )
+    result = simulate(Scene(*masses, belt, *links, *loads), (0.0, 1.6), **way)
+    assert {(event.contact, int(event.after)) for event in result.events} == {("c1", 1), ("c4", -1), ("c5", 1)}
+    assert [event.t for event in result.events] == pytest.approx([1.5] * 3, abs=1e-9)
+    assert max(np.abs(result.velocity(body.name)[result.t < 1.4]).max() for body in masses) == 0
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_row_that_carries_its_level_lets_go_after_those_that_held_it(way: dict[str, Any]) -> None:
+    """First c1 and the gear hold b0, and the clutch carries nothing; then c1 slips: b0 moves as -3 t / 2 + 3 t^2.
+
+    At 0.5 s it is at rest again, where the clutch locks it; c1 then holds the rest: the load comes to 4 N at 1 s.
+    """
+    rows = (
+        Contact("c0", "b1", "b2", DryFriction(1.0, 0.5), normal=2.0),
+        Contact("c1", "b1", "b0", DryFriction(0.5, 0.25), normal=2.0),
+        Gear("gear", "b1", "b2", ratio=-1.0),
+        OneWay("clutch", "b0", GROUND),
+        OneWay("between", "b1", "b2"),
+    )
+    masses = [Body("b0", inertia=1.0), Body("b1", inertia=2.0), Body("b2", inertia=1.0)]
+    scene = Scene(*masses, *rows, Force("b0", line(-2.0, 6.0)), Force("b1", -2.0))
+    result = simulate(scene, (0.0, 0.8), t_eval=[0.0, 0.2, 0.4, 0.6, 0.8], **way)
+    assert result.velocity("b0") == pytest.approx([0.0, -0.18, -0.12, 0.0, 0.0], abs=1e-7)
+    assert result.mode("clutch")[[1, 2, 3, 4]].tolist() == [-1, -1, 0, 0]
+    assert np.abs(result.velocity("b1")).max() == 0
+
+
+def work(r: Array, G: Array, led: Array, load: Array, mass: Array) -> tuple[float, Array]:
+    """Return what the forces of rows make least, and its gradient."""
+    a = (load - G.T @ r) / mass
+    return float(0.5 * a @ (mass * a) - r @ led), -G @ a - led
+
+
+def test_random_networks_between_drives_move_as_least_constraint_tells() -> None:
+    """The forces within their limits make ``1/2 a^T M a - r^T D u'`` least, with ``a = M^-1 (F - G^T r)``."""
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        n, count, u = int(random.integers(1, 5)), int(random.integers(2, 10)), random.integers(-2, 3, 2).astype(float)
+        mass, load = random.integers(1, 4, n).astype(float), random.integers(-3, 4, n).astype(float)
+        level, signs = random.integers(1, 4, count).astype(float), np.zeros((count, n + 3))
+        names, links = [*(f"b{k}" for k in range(n)), "d0", "d1", GROUND], []
+        for k in range(count):
+            a, b = int(random.integers(n)), int(random.integers(n + 3))
+            b = b if a != b else n + 2
+            signs[k, [a, b]] = 1.0, -1.0
+            links.append(Contact(f"c{k}", names[a], names[b], DryFriction(1.0, 1.0), normal=level[k]))
+        G, led = signs[:, :n], signs[:, n : n + 2] @ u
+
+        bounds = list(zip(-level, level, strict=True))
+        options = {"ftol": 0.0, "gtol": 1e-12, "maxiter": 100_000, "maxfun": 100_000}
+        r = minimize(
+            work, np.zeros(count), (G, led, load, mass), jac=True, bounds=bounds, method="L-BFGS-B", options=options
+        ).x
+        masses = [Body(f"b{k}", inertia=m) for k, m in enumerate(mass)]
+        drives = [Drive(f"d{k}", velocity=line(0.0, float(rate))) for k, rate in enumerate(u)]
+        loads = [Force(f"b{k}", f) for k, f in enumerate(load)]
+        result = simulate(Scene(*masses, *drives, *links, *loads), (0.0, 1e-3))
+        found = [result.velocity(body.name)[-1] / 1e-3 for body in masses]
+        assert found == pytest.approx((load - G.T @ r) / mass, abs=1e-5), seed

@@ -17,7 +17,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import scipy
 
 from stickslip.engines.work import SolverFailure, grows, within_bounds
 from stickslip.equations.motion import Motion
@@ -36,6 +35,7 @@ _SHORT = 1e-3  # the end of a step of at least this part of its longer neighbour
 _OF_START = 5  # points of the first two steps and beyond that tell how a motion begins
 _MOST_WITH_RATES = 7  # points around a step whose rates are used at most
 _ORDER_WITH_RATES = 2 * _MOST_WITH_RATES - 1  # the order of the polynomial through these points and rates
+_AT_ONCE = 2000  # numbers of the states of steps for which polynomials are made at once with rates
 _ROUNDOFF = np.finfo(float).eps
 
 _AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)  # parts of the points that lie before a step
@@ -52,7 +52,7 @@ def path_through(
     count = max(within_bounds(points), 1)
     is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
-    rates = None if method == "BDF" else lambda k: motion.rate(float(taus[k]), points[k])
+    rates = None if method == "BDF" else lambda k: motion.rate(taus[k], points[k].T).T
     # only borders of gaps and stops are compared with places, which are large beside what they move just after 0
     every = _of_all_steps if motion.equations.borders.size else through_points
     coefficients = every(taus, points, tolerance, _DEGREE[method], rates)
@@ -85,7 +85,7 @@ def _apart(taus: Array, points: Array, rtol: float) -> tuple[Array, Array]:
 
 
 def _of_all_steps(
-    taus: Array, points: Array, tolerance: tuple[float, Any], degree: int, rates: Callable[[int], Array] | None
+    taus: Array, points: Array, tolerance: tuple[float, Any], degree: int, rates: Callable[[Indices], Array] | None
 ) -> Array:
     """Return `through_points`; if the first step is tiny, later ones without its end.
 
@@ -96,7 +96,7 @@ def _of_all_steps(
     if taus.size <= _OF_START or taus[1] >= _SHORT * (taus[2] - taus[1]):
         return through_points(taus, points, tolerance, degree, rates)
     start, kept = slice(_OF_START), np.delete(np.arange(taus.size), 1)
-    known = None if rates is None else lambda k: rates(int(kept[k]))
+    known = None if rates is None else lambda k: rates(kept[k])
     begins = through_points(taus[start], points[start], tolerance, degree, rates)[:2]
     goes_on = through_points(taus[kept], points[kept], tolerance, degree, known)[1:]
     found = np.zeros((taus.size - 1, max(begins.shape[1], goes_on.shape[1]), points.shape[1]))
@@ -110,13 +110,13 @@ def through_points(
     points: Array,
     tolerance: tuple[float, Any],
     degree: int,
-    rates: Callable[[int], Array] | None = None,
+    rates: Callable[[Indices], Array] | None = None,
 ) -> Array:
     """Return Chebyshev coefficients (k, order + 1, size) of the states in each of the steps between `taus` (k + 1,).
 
     They are those of Newton's polynomial through both ends of the step and the points around it. Where its error is
     above the tolerance, the points on one side alone are tried, and then points with their `rates`, a function of the
-    number of a point.
+    numbers of points.
 
     Terms are measured in units of the tolerance, relative and absolute; `degree` is the highest.
     """
@@ -138,46 +138,55 @@ def through_points(
     basis = np.ones((count, top + 1, top + 1))
     np.cumprod(x[:, :, None] - nodes[:top].T[:, None, :], axis=2, out=basis[:, :, 1:])
     found: Array = (from_nodes(top) @ basis) @ terms.transpose(1, 0, 2)
-    still = rough[error[rough] > 1.0].tolist()
-    if still and rates is not None:
+    still = rough[error[rough] > 1.0]
+    if still.size and rates is not None:
         found = np.pad(found, ((0, 0), (0, max(_ORDER_WITH_RATES - top, 0)), (0, 0)))
-        known = lru_cache(maxsize=None)(rates)
-        for k in still:
-            own, worst = _with_rates(taus, points, known, k, tolerance)
-            if worst < error[k]:
-                found[k] = 0.0
-                found[k, : own.shape[0]] = own
+        for some in np.array_split(still, 1 + still.size * points.shape[1] // _AT_ONCE):
+            own, errors = _with_rates(taus, points, rates, some, tolerance)
+            better = errors < error[some]
+            found[some[better]] = 0.0
+            found[some[better], : _ORDER_WITH_RATES + 1] = own[better]
     return found
 
 
 def _with_rates(
-    taus: Array, points: Array, rates: Callable[[int], Array], k: int, tolerance: tuple[float, Any]
-) -> tuple[Array, float]:
-    """Return the Chebyshev coefficients of one step through points and rates around it, and about their error.
+    taus: Array, points: Array, rates: Callable[[Indices], Array], steps: Indices, tolerance: tuple[float, Any]
+) -> tuple[Array, Array]:
+    """Return the Chebyshev coefficients of some steps through points and rates around them, and about their errors.
 
     Points are added as long as the polynomial, at first a line, changes less with each; the last change is the error.
     """
-    length = taus[k + 1] - taus[k]
+    counts = np.arange(2, min(_MOST_WITH_RATES, taus.size) + 1)[:, None]
+    first = np.minimum(np.maximum(steps - (counts - 2) // 2, 0), taus.size - counts)
+    added = np.where(first[1:] < first[:-1], first[1:], first[1:] + counts[1:] - 1)
+    own = np.concatenate([steps[None], steps[None] + 1, added])
+    length = taus[steps + 1] - taus[steps]
+    # each point stands twice: the difference between both is its rate
+    places = np.repeat((taus[own] - taus[steps]) / length, 2, axis=0)
+    table = np.repeat(points[own], 2, axis=0)
+    known, number = np.unique(own, return_inverse=True)
+    slopes = rates(known)[number.reshape(own.shape)] * length[:, None]
+    terms = table.copy()
     nodes = chebyshev_nodes(_ORDER_WITH_RATES)
-    size = tolerance[0] * np.abs(points[k : k + 2]).max(axis=0) + tolerance[1]
-    before = points[k] + nodes[:, None] * (points[k + 1] - points[k])
-    best, worst = from_nodes(1) @ before[[0, -1]], np.inf
-    for count in range(2, min(_MOST_WITH_RATES, taus.size) + 1):
-        first = min(max(k - (count - 2) // 2, 0), taus.size - count)
-        own = range(first, first + count)
-        both = np.array([line for i in own for line in (points[i], length * rates(i))])
-        places = np.repeat((taus[own] - taus[k]) / length, 2)
-        polynomial = scipy.interpolate.KroghInterpolator(places, both)
-        values = polynomial(nodes)
-        change = float((np.abs(values - before) / size).max())
-        if not change < worst:
-            break
-        if change <= _NEGLIGIBLE:
-            return best, change
-        order = 2 * count - 1
-        best, worst = from_nodes(order) @ polynomial(chebyshev_nodes(order)), change
-        before = values
-    return best, worst
+    basis = np.ones((*places.shape, nodes.size))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for order in range(1, places.shape[0]):
+            table, gaps = np.diff(table, axis=0), places[order:] - places[:-order]
+            if order == 1:
+                table[::2], gaps[::2] = slopes, 1.0
+            table /= gaps[..., None]
+            terms[order] = table[0]
+        np.cumprod(nodes - places[:-1, :, None], axis=0, out=basis[1:])
+        sums = np.cumsum(basis[..., None] * terms[:, :, None], axis=0)
+        ends = points[steps, None], points[steps + 1, None]
+        found = np.concatenate([(ends[0] + nodes[:, None] * (ends[1] - ends[0]))[None], sums[3::2]])
+        sizes = tolerance[0] * np.maximum(np.abs(ends[0]), np.abs(ends[1])) + tolerance[1]
+        changes = (np.abs(np.diff(found, axis=0)) / sizes).max(axis=(2, 3))
+    errors = np.concatenate([np.full((1, steps.size), np.inf), changes])
+    gains = (changes < errors[:-1]) & (errors[:-1] > _NEGLIGIBLE)
+    best = np.argmin(np.concatenate([gains, np.zeros((1, steps.size), dtype=bool)]), axis=0)
+    each = np.arange(steps.size)
+    return from_nodes(_ORDER_WITH_RATES) @ found[best, each], errors[best, each]
 
 
 def _differences(taus: Array, points: Array, tolerance: tuple[float, Any], highest: int) -> tuple[Array, Array]:

@@ -228,6 +228,18 @@ class Segment:
         """How many sines and functions there are."""
         return len(self.sine_turns[0]) + len(self._functions)
 
+    @cached_property
+    def factors(self) -> Array:
+        """The inputs are sums of functions of time: their factors, a row for each function of time."""
+        sines, count = self.sines, len(self._functions)
+        turns, own = np.unique(sines.turn, return_inverse=True)
+        of_sines = np.zeros((2, turns.size, self.value.size))
+        for found, part in zip(of_sines, (np.cos(sines.phase), np.sin(sines.phase)), strict=True):
+            np.add.at(found, (own, sines.entry), sines.amplitude * part)
+        of_functions = np.zeros((count, self.value.size))
+        of_functions[np.arange(count), [i for i, _ in self._functions]] = 1.0
+        return np.concatenate([self.value[None], self.slope[None], *of_sines, of_functions])
+
     def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
         """Enter the inputs, whose local time runs from `t`, as sums over columns."""
         q[:, 0] = self.line(t)
