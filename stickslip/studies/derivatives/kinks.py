@@ -102,7 +102,8 @@ def at_loops(nearby: Nearby, motion: Motion) -> Iterator[tuple[int, str]]:
     """Find directions in which rows that hold the same motion contradict each other in scenes near by."""
 
     def known(one: Motion) -> tuple[int, bool]:
-        return one.equations.dependent.size, one.equations.balance.parting is None
+        # drives that move evenly tear no rows, but near by these may contradict each other all the same
+        return one.equations.dependent.size, one.system.balance(one.equations.is_held).parting is None
 
     for k in range(nearby.count):
         if any(known(near) != known(motion) for _, near in nearby.near(motion, k)):
