@@ -213,16 +213,9 @@ class Search:
 
         A row carries its level while others hold it at rest: these may have been let go after it.
         """
-        top, system = motion.equations.at_level, self._system
-        top = top[~motion.equations.locked(top)]
-        if not top.size:
+        if not (top := moving_at_level(motion)).size:
             return None
-        v, u = motion.start.y[1, : system.n], system.drive_accelerations(motion.start.q[0])
-        rough = system.abs_G[top] @ np.abs(v) + system.abs_D[top] @ np.abs(u)
-        moves = np.abs(system.relative(v, u)[top]) > ROUNDOFF * rough
-        if not moves.any():
-            return None
-        following, top = trial.copy(), top[moves]
+        following = trial.copy()
         following[top] = self._moving(top, np.where(trial[top] == AT_HIGH, 1.0, -1.0))
         return following
 
@@ -297,7 +290,7 @@ class Search:
                 spared = mine.nonzero()[0]
                 others = equations_in(following, system, self._regions)
                 locks = others.locked(rows[spared], ignore_drives=True)
-                spared = spared[locks & ~self._torn(motion, others.balance, rows[spared])]
+                spared = spared[locks & ~self._torn(others.balance, rows[spared])]
                 following[rows[spared]] = _carrying(side[spared])
                 rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
@@ -342,17 +335,17 @@ class Search:
         others = system.balance(rest)
         count = [np.bincount(self._part_of_body[b.dependent], minlength=len(self._rows_of)) for b in (balance, others)]
         part = self._part_of_row[rows]
-        torn = part[self._torn(motion, others, rows)]
+        torn = part[self._torn(others, rows)]
         return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
 
-    def _torn(self, motion: Motion, others: Balance, rows: Indices) -> Mask:
+    def _torn(self, others: Balance, rows: Indices) -> Mask:
         """Tell for some rows whether drives that move apart would part their ends if only the `others` held."""
-        system, found = self._system, np.zeros(rows.size, dtype=bool)
-        if system.drives:
-            for q in motion.start.q:
-                rate = system.drive_accelerations(q)
-                found |= np.abs(system.relative(others.U @ rate, rate)[rows]) > _ALONG * np.abs(rate).max(initial=0.0)
-        return found
+        system = self._system
+        if not system.drives:
+            return np.zeros(rows.size, dtype=bool)
+        rates = system.drive_accelerations(self._segment.factors.T)
+        parted = np.abs(system.relative(others.U @ rates, rates)[rows])
+        return np.asarray((parted > _ALONG * np.abs(rates).max(axis=0)).any(axis=1))
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
@@ -409,7 +402,9 @@ class Search:
             again = self._build(trial)
             following = self._improved(trial, *again)
             if following is None:
-                return again
+                equations = again[0].equations
+                # drives may move later what carries its level: without a level its velocity is watched
+                return (motion, guards) if self._torn(equations.balance, equations.at_level).any() else again
             moves = _moves(trial, following)
             for part in self._changed(trial, following):
                 own = self._rows_of[part]
@@ -436,6 +431,18 @@ class Search:
         """Return the rows of some parts that may be held, but for ties."""
         may_be_held: Mask = self._candidates & ~self._system.is_tie & np.isin(self._part_of_row, parts)
         return may_be_held.nonzero()[0]
+
+
+def moving_at_level(motion: Motion) -> Indices:
+    """Return the rows that carry their level though they begin to move."""
+    system, equations, start = motion.system, motion.equations, motion.start
+    top = equations.at_level[~equations.locked(equations.at_level)]
+    moves = np.zeros(top.size, dtype=bool)
+    for y, q in zip(start.y[1:], start.q[1:], strict=True) if top.size else ():
+        v, u = y[: system.n], system.drive_velocities(q)
+        rough = system.abs_G[top] @ np.abs(v) + system.abs_D[top] @ np.abs(u)
+        moves |= np.abs(system.relative(v, u)[top]) > ROUNDOFF * rough
+    return np.asarray(top[moves])
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:

@@ -19,7 +19,7 @@ from stickslip.equations.system import System
 from stickslip.events.collapse import pressed_together
 from stickslip.events.impact import Jammed, Struck
 from stickslip.events.labels import label
-from stickslip.events.search import Search
+from stickslip.events.search import Search, moving_at_level
 from stickslip.events.situation import Inconsistent, Situation, Uncertainty
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
@@ -96,8 +96,8 @@ def carried_on(last: Settled, segment: Segment, t: float, y: Array, modes: Modes
     motion = last.motion
     equations = equations_in(modes, motion.system, motion.equations.regions)
     following = Motion(equations, segment, t, motion.exact(t - motion.t, y), motion.since)
-    if following.equations.balance.parting is not None:
-        # drives tear rows from here on
+    if following.equations.balance.parting is not None or moving_at_level(following).size:
+        # drives tear rows from here on, or move what others held at rest
         return None
     none = np.zeros(last.labels.size, dtype=bool)
     guards = Guards(following, last.labels, none, none, last.guards.velocity_uncertainty)

@@ -16,13 +16,16 @@ from stickslip import (
     DryFriction,
     Force,
     Gear,
+    Mode,
     OneWay,
     Result,
     Scene,
+    Signal,
     SimulationError,
     Stop,
     Tie,
     piecewise_linear,
+    signal,
     simulate,
     sine,
     step,
@@ -188,6 +191,47 @@ def test_a_drive_that_begins_to_move_between_clutches_presses_them_together(opti
     with pytest.raises(SimulationError, match="'ahead', 'back' are pressed together") as caught:
         simulate(scene, (0.0, 2.0), **options)
     assert caught.value.t == 1.0
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize(
+    "velocity",
+    [
+        piecewise_linear([0.5, 1.5], [0.0, 1.0]),
+        signal(lambda t: max(t - 0.5, 0.0) ** 2, breaks=[0.5]),
+        signal(lambda t: max(t - 0.5, 0.0) ** 2),
+    ],
+)
+def test_a_clutch_holds_against_a_belt_that_begins_to_move(velocity: Signal, options: dict[str, Any]) -> None:
+    """A load of 0.5 N pulls 1 kg off the clutch, and the belt holds it with up to 5 N; then the clutch takes 4.5 N."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("belt", velocity=velocity),
+        contact("friction", "b", "belt", 5.0),
+        OneWay("clutch", "b", GROUND),
+        Force("b", -0.5),
+    )
+    result = simulate(scene, (0.0, 1.5), **options)
+    assert [e.t for e in result.events if e.contact == "friction"] == pytest.approx([0.5], abs=1e-9)
+    assert result.velocity("b").max() <= 1e-12
+    assert result.force("clutch")[-1] == pytest.approx(0.8 * 5.0 - 0.5, abs=1e-9)
+    assert (result.mode("friction")[-1], result.mode("clutch")[-1]) == (Mode.BACKWARD, Mode.STUCK)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_a_clutch_runs_free_with_a_belt_that_begins_without_acceleration(options: dict[str, Any]) -> None:
+    """The belt takes 1 kg off the clutch with v = -(1 - cos(pi t / 2)) / 2."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("belt", velocity=sine(0.5, 0.25, phase=0.5 * math.pi, offset=-0.5)),
+        contact("friction", "b", "belt", 5.0),
+        OneWay("clutch", "b", GROUND),
+        Force("b", -0.5),
+    )
+    result = simulate(scene, (0.0, 1.5), **options)
+    assert (result.mode("clutch")[1:] == Mode.BACKWARD).all()
+    assert (result.force("clutch") == 0).all()
+    assert result.velocity("b")[-1] == pytest.approx(-0.5 * (1 - math.cos(0.75 * math.pi)), abs=1e-8)
 
 
 @pytest.mark.parametrize("options", ENGINES)
