@@ -9,6 +9,8 @@ rule 8).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import scipy
 
@@ -17,6 +19,7 @@ from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask
 
+_ROUNDOFF = 1e-14  # part of the terms of an acceleration below which it is 0
 _SOME = 1e-9  # part of the majorant, or of the largest, below which a force or a rate is roundoff
 
 
@@ -60,13 +63,21 @@ def pressed_together(motion: Motion) -> Indices:
     return rows[:0] if motion.system.is_friction[rows].any() else rows
 
 
+def drive_accelerations(motion: Motion) -> Iterator[Array]:
+    """Yield the Taylor coefficients of the accelerations of the drives, without the roundoff of sines that are 0."""
+    accelerations = motion.system.drive_accelerations
+    roundoff = _ROUNDOFF * np.abs(accelerations(motion.segment.factors.T)).sum(axis=1)
+    for q in motion.start.q:
+        rate = accelerations(q)
+        yield np.where(np.abs(rate) > roundoff, rate, 0.0)
+
+
 def _torn(motion: Motion) -> tuple[Mask, Array] | None:
     """Tell which held rows are torn by drives that move apart, and return the lowest derivative by which these do."""
-    system, balance = motion.system, motion.equations.balance
+    balance = motion.equations.balance
     if balance.parting is None:
         return None
-    for q in motion.start.q:
-        rate = system.drive_accelerations(q)
+    for rate in drive_accelerations(motion):
         torn = np.abs(balance.parting @ rate) > _SOME * (abs(balance.parting) @ np.abs(rate))
         if torn.any():
             return np.asarray(torn), rate

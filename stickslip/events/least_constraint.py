@@ -18,6 +18,7 @@ import scipy
 from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
+from stickslip.events.collapse import drive_accelerations
 from stickslip.events.sharing import soon
 from stickslip.model.arrays import Array, Indices, Mask
 
@@ -26,6 +27,7 @@ _ROUNDOFF = 1e-14  # part of its terms below which a relative acceleration is ro
 _TOLERANCE = 1e-14  # of the least squares
 _NEAR = 1e-3  # each step of the proximal point algorithm adds this times the change, squared
 _MOST_STEPS = 100
+_SLIGHT = 1e-6  # relative acceleration of drives that begin without any, in the unit of the others
 
 
 def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indices, Array]:
@@ -46,14 +48,27 @@ def least_constraint(motion: Motion, guards: Guards, part: Mask) -> tuple[Indice
     # the tolerance is one of numbers near 1
     force, size = float(np.abs(left).max(initial=0.0)) or 1.0, float(np.abs(root).max(initial=0.0)) or 1.0
     low, high = low / force, high / force
-    rate = system.drive_accelerations(motion.start.q[0])
-    torn = np.asarray(system.relative(equations.balance.U @ rate, rate)[rows])
-    torn[np.abs(torn) <= _AT_REST * np.abs(rate).max(initial=0.0)] = 0.0
-    delta = force * _least(root / size, torn / (force * size**2), (low, np.maximum(high, np.nextafter(low, np.inf))))
-    accelerations = torn - root.T @ (root @ delta)
-    roundoff = _ROUNDOFF * (np.abs(root.T) @ (np.abs(root) @ np.abs(delta)) + np.abs(torn))
+    unit = force * size**2
+    led = _led(motion, rows, unit)
+    delta = force * _least(root / size, led, (low, np.maximum(high, np.nextafter(low, np.inf))))
+    accelerations = led * unit - root.T @ (root @ delta)
+    roundoff = _ROUNDOFF * (np.abs(root.T) @ (np.abs(root) @ np.abs(delta)))
     moves = np.abs(accelerations) > np.maximum(roundoff, _AT_REST * np.abs(accelerations).max(initial=0.0))
     return rows, np.where(moves, accelerations, 0.0)
+
+
+def _led(motion: Motion, rows: Indices, unit: float) -> Array:
+    """Return in some unit the relative accelerations that drives force upon rows which they tear apart.
+
+    Drives that begin without acceleration count with a slight one: they only decide what the loads leave open.
+    """
+    system = motion.system
+    for order, rate in enumerate(drive_accelerations(motion)):
+        found = np.asarray(system.relative(motion.equations.balance.U @ rate, rate)[rows])
+        found[np.abs(found) <= _AT_REST * np.abs(rate).max(initial=0.0)] = 0.0
+        if found.any():
+            return found * (_SLIGHT / np.abs(found).max() if order else 1.0 / unit)
+    return np.zeros(rows.size)
 
 
 def _least(root: Array, led: Array, bounds: tuple[Array, Array]) -> Array:

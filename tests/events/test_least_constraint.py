@@ -28,6 +28,7 @@ from stickslip import (
     Stop,
     piecewise_linear,
     simulate,
+    sine,
 )
 from stickslip.model.arrays import Array
 
@@ -279,6 +280,28 @@ def test_a_drive_pulls_where_all_other_contacts_just_hold(way: dict[str, Any]) -
     assert {(event.contact, int(event.after)) for event in result.events} == {("c1", 1), ("c4", -1), ("c5", 1)}
     assert [event.t for event in result.events] == pytest.approx([1.5] * 3, abs=1e-9)
     assert max(np.abs(result.velocity(body.name)[result.t < 1.4]).max() for body in masses) == 0
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "velocity", [sine(-1.0, 0.25) + sine(2.0, 0.125), sine(-1.0, 0.25, phase=0.5 * np.pi, offset=1.0)]
+)
+def test_a_belt_that_begins_smoothly_slips_from_the_start(velocity: Signal, way: dict[str, Any]) -> None:
+    """The belt pushes b1 with 1 N against a load of 1 + t: the ground holds the rest up to its level of 0.5 N."""
+    scene = Scene(
+        Body("b0", inertia=1.0),
+        Body("b1", inertia=2.0),
+        Drive("belt", velocity=velocity),
+        *contacts({"c0": ("b0", "b1", line(0.0, 1.0)), "ground": (GROUND, "b1", 0.5), "friction": ("belt", "b1", 1.0)}),
+        OneWay("clutch", "b0", GROUND),
+        Stop("stop", "b0", GROUND, lower=-1.0, upper=0.0, restitution=0.0),
+        Force("b1", line(-1.0, -1.0)),
+    )
+    result = simulate(scene, (0.0, 0.6), **way)
+    assert result.mode("friction")[0] == Mode.FORWARD
+    (first,) = [event.t for event in result.events if event.contact == "ground"]
+    assert first == pytest.approx(0.5, abs=1e-9)
+    assert np.abs(result.velocity("b1")[result.t < 0.49]).max() == 0
 
 
 @pytest.mark.parametrize("way", WAYS)
