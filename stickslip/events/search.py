@@ -110,7 +110,7 @@ class Search:
         if self._place(following) is not None:
             following = self._shared(following, circling)
         # what was tried before may be consistent now: stops that close on the way remove roundoff of the velocities
-        if self._place(following) is not None and self._build(following)[1].violated.any():
+        if self._place(following) is not None and self._improved(following, *self._build(following)) is not None:
             raise Inconsistent(self._candidates_of(circling))
         return following
 

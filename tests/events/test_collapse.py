@@ -179,6 +179,43 @@ def test_drives_that_move_alike_only_for_a_time_tear_nothing_before(amplitude: f
     assert [e.t for e in result.events] == pytest.approx([0.75, 0.75], abs=1e-10)
 
 
+def square() -> Signal:
+    return signal(lambda t: 2.0 * t * t)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize("same", [True, False])
+@pytest.mark.parametrize("ends", [1.0, 0.8])
+def test_drives_that_functions_move_alike_tear_nothing(ends: float, same: bool, options: dict[str, Any]) -> None:
+    """Belts with 2 t^2 hold 1 kg with 1 N each: it lets go at 0.5 s, and v = 2 t + 1/2 - 1."""
+    first = square()
+    second = (first if same else square()) + piecewise_linear([ends, 2.0], [0.0, -1.0])
+    rows = (Contact(n, "b", n, DryFriction(1.0, 1.0), normal=1.0) for n in ("one", "two"))
+    scene = Scene(Body("b", inertia=1.0), Drive("one", velocity=first), Drive("two", velocity=second), *rows)
+    result = simulate(scene, (0.0, 1.0), **options)
+    assert {(e.contact, int(e.after)) for e in result.events} == {("one", -1), ("two", -1)}
+    # rates of functions are differences
+    assert [e.t for e in result.events] == pytest.approx([0.5, 0.5], abs=1e-9)
+    assert result.velocity("b")[-1] == pytest.approx(1.5, abs=1e-6)
+
+
+# the multiplier itself fails at this instant: IDA finds no step on which such forces could grow
+@pytest.mark.parametrize("options", ENGINES[:3])
+def test_of_rows_that_a_drive_tears_those_are_named_that_are_pressed(options: dict[str, Any]) -> None:
+    """From 0.7 s on the belt wants b faster than 30 times its own speed, and not faster than it."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("belt", velocity=signal(lambda t: 2.0 * max(t - 0.7, 0.0) ** 2, breaks=[0.7])),
+        Contact("one", "belt", "b", DryFriction(0.5, 0.5), normal=sine(1.0, 0.5, offset=1.0)),
+        Contact("two", "b", GROUND, DryFriction(0.3, 0.3), normal=1.0, radius_a=0.1, radius_b=2.0),
+        OneWay("faster", "belt", "b", radius_a=3.0, radius_b=0.1),
+        OneWay("slower", "b", "belt"),
+    )
+    with pytest.raises(SimulationError, match="'faster', 'slower' are pressed together") as caught:
+        simulate(scene, (0.0, 2.0), **options)
+    assert caught.value.t == pytest.approx(0.7, abs=1e-9)
+
+
 @pytest.mark.parametrize("options", ENGINES)
 def test_a_drive_that_begins_to_move_between_clutches_presses_them_together(options: dict[str, Any]) -> None:
     """The body may not move backward, nor faster than the belt, which turns back at 1 s."""

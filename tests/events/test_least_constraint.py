@@ -25,6 +25,7 @@ from stickslip import (
     Scene,
     Signal,
     SimulationError,
+    Spring,
     Stop,
     piecewise_linear,
     simulate,
@@ -302,6 +303,34 @@ def test_a_belt_that_begins_smoothly_slips_from_the_start(velocity: Signal, way:
     (first,) = [event.t for event in result.events if event.contact == "ground"]
     assert first == pytest.approx(0.5, abs=1e-9)
     assert np.abs(result.velocity("b1")[result.t < 0.49]).max() == 0
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_drive_that_turns_round_tears_contacts_off_a_gear_at_its_stop(way: dict[str, Any]) -> None:
+    """The belt comes to 0 at 5/3 s with 3 m/s2, and turns the load on b1 round: then v0 = v1 = v2 / 2.
+
+    With the forces of 1 N of c1 and c2 on b1, that of c1 on b2, the spring with S = x_q + 0.3 v_q on b2 and -1 N on b0
+    the equation of power is (2 + 1 + 4) v0' = -1 + 2 + 2 (S - 1).
+    """
+    t = 5.0 / 3.0
+    scene = Scene(
+        Body("b0", inertia=2.0),
+        Body("b1", inertia=1.0),
+        Body("b2", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 0.5, 1.0, 2.0], [0.0, -2.0, -2.0, 1.0])),
+        Drive("q", velocity=sine(0.5, 1.0, phase=-0.5 * np.pi, offset=0.5)),
+        *contacts({"c1": ("b1", "b2", 1.0), "c2": ("b1", "belt", 1.0), "c4": ("b1", "b0", 2.0)}),
+        Gear("gear", "b2", "b0", ratio=2.0),
+        Stop("stop", GROUND, "b0", lower=-1.0, upper=0.0, restitution=0.0),
+        Spring("b2", "q", stiffness=1.0, damping=0.3),
+        Force("b0", piecewise_linear([0.0, 1.0, 2.0], [-2.0, -1.0, -1.0])),
+    )
+    result = simulate(scene, (0.0, t + 1e-4), **way)
+    assert {event.contact: int(event.after) for event in result.events if event.t > 1.6} == {
+        "c1": Mode.BACKWARD, "c2": Mode.BACKWARD, "stop": Mode.OPEN,
+    }  # fmt: skip
+    pulls = 0.5 * t - 0.25 / np.pi * np.sin(2 * np.pi * t) + 0.3 * (0.5 - 0.5 * np.cos(2 * np.pi * t))
+    assert result.velocity("b0")[-1] / 1e-4 == pytest.approx((2 * pulls - 1) / 7, rel=2e-3)
 
 
 @pytest.mark.parametrize("way", WAYS)

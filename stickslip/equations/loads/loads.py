@@ -30,6 +30,7 @@ TableRegions = tuple[int, ...] | None
 
 _JUMP = 1e-9  # a signal jumps if it changes by more than this part of its largest value
 _TOGETHER = 2e-15  # breaks that differ by this part of their time are the same but for roundoff
+_SAMPLES = 50  # of the functions of a segment, where these are compared
 _MOST_ENTRIES = 10_000  # entries of segments that are kept at most
 
 
@@ -230,14 +231,16 @@ class Segment:
 
     @cached_property
     def factors(self) -> Array:
-        """The inputs are sums of functions of time: their factors, a row for each function of time."""
-        sines, count = self.sines, len(self._functions)
+        """The inputs are sums of functions of time: their factors, a row for each; of the user's functions, samples."""
+        sines, size = self.sines, self.value.size
         turns, own = np.unique(sines.turn, return_inverse=True)
-        of_sines = np.zeros((2, turns.size, self.value.size))
+        of_sines = np.zeros((2, turns.size, size))
         for found, part in zip(of_sines, (np.cos(sines.phase), np.sin(sines.phase)), strict=True):
             np.add.at(found, (own, sines.entry), sines.amplitude * part)
-        of_functions = np.zeros((count, self.value.size))
-        of_functions[np.arange(count), [i for i, _ in self._functions]] = 1.0
+        times = np.linspace(self.start, self._before_stop, _SAMPLES if self._functions else 0)
+        of_functions = np.zeros((times.size, size))
+        for i, function in self._functions:
+            of_functions[:, i] += function.sampled(times)
         return np.concatenate([self.value[None], self.slope[None], *of_sines, of_functions])
 
     def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
