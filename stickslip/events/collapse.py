@@ -37,8 +37,8 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
     give_way = []
     growing = balance.parting @ rate
     # the forces of the rows without the part that drives add by moving apart
-    forces = motion.start.z[0, system.m : system.m + held.size]
-    forces = forces - balance.parting @ system.drive_accelerations(motion.start.q[0])
+    together = Motion(motion.equations.together, motion.segment, motion.t, motion.y, motion.since)
+    forces = together.start.z[0, system.m : system.m + held.size]
     for number in np.unique(balance.loop[torn]).tolist():
         own = balance.loop == number
         rows = held[own]
@@ -63,7 +63,7 @@ def pressed_together(motion: Motion) -> Indices:
     return rows[:0] if motion.system.is_friction[rows].any() else rows
 
 
-def drive_accelerations(motion: Motion) -> Iterator[Array]:
+def accelerations_of_drives(motion: Motion) -> Iterator[Array]:
     """Yield the Taylor coefficients of the accelerations of the drives, without the roundoff of sines that are 0."""
     accelerations = motion.system.drive_accelerations
     roundoff = _ROUNDOFF * np.abs(accelerations(motion.segment.factors.T)).sum(axis=1)
@@ -77,7 +77,7 @@ def _torn(motion: Motion) -> tuple[Mask, Array] | None:
     balance = motion.equations.balance
     if balance.parting is None:
         return None
-    for rate in drive_accelerations(motion):
+    for rate in accelerations_of_drives(motion):
         torn = np.abs(balance.parting @ rate) > _SOME * (abs(balance.parting) @ np.abs(rate))
         if torn.any():
             return np.asarray(torn), rate

@@ -12,6 +12,7 @@ import scipy
 
 from stickslip.equations.balance import component_numbers
 from stickslip.equations.guards.at_start import NEVER
+from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Search
 from stickslip.events.situation import Inconsistent, Situation
@@ -231,7 +232,8 @@ def beyond_break(
     if not np.any(piece.modes == 0):
         return
     segment = nearby.motion_of(number + 1).segment
-    held = Motion(motion.equations, segment, following.t, path.last, piece.since)
+    equations = equations_in(piece.modes, nearby.system, piece.regions)
+    held = Motion(equations, segment, following.t, path.last, piece.since)
     y = held.exact(0.0, path.last)
     moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
     own = VariedGuards(nearby, piece, held)
