@@ -237,7 +237,9 @@ class Segment:
         of_sines = np.zeros((2, turns.size, size))
         for found, part in zip(of_sines, (np.cos(sines.phase), np.sin(sines.phase)), strict=True):
             np.add.at(found, (own, sines.entry), sines.amplitude * part)
-        times = np.linspace(self.start, self._before_stop, _SAMPLES if self._functions else 0)
+        # at uneven times: functions with a period are not met at the same phase each time
+        part = np.modf(0.5 * (math.sqrt(5.0) - 1.0) * np.arange(_SAMPLES if self._functions else 0))[0]
+        times = self.start + part * (self._before_stop - self.start)
         of_functions = np.zeros((times.size, size))
         for i, function in self._functions:
             of_functions[:, i] += function.sampled(times)
