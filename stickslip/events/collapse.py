@@ -66,7 +66,7 @@ def pressed_together(motion: Motion) -> Indices:
 def accelerations_of_drives(motion: Motion) -> Iterator[Array]:
     """Yield the Taylor coefficients of the accelerations of the drives, without the roundoff of sines that are 0."""
     accelerations = motion.system.drive_accelerations
-    roundoff = _ROUNDOFF * np.abs(accelerations(motion.segment.factors.T)).sum(axis=1)
+    roundoff = _ROUNDOFF * np.abs(accelerations(motion.segment.factors.T)).max(axis=1)
     for q in motion.start.q:
         rate = accelerations(q)
         yield np.where(np.abs(rate) > roundoff, rate, 0.0)

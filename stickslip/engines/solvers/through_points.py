@@ -169,7 +169,7 @@ def _with_rates(
     terms = table.copy()
     nodes = chebyshev_nodes(_ORDER_WITH_RATES)
     basis = np.ones((*places.shape, nodes.size))
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for order in range(1, places.shape[0]):
             table, gaps = np.diff(table, axis=0), places[order:] - places[:-order]
             if order == 1:
