@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import dense, row_maxima, split_by
-from stickslip.model.arrays import Array, Indices, like
+from stickslip.model.arrays import Array, Indices, Mask, like
 
 # A difference below this part of the subtracted number is 0: numbers of the scene agree in no more digits.
 _CANCELLED = 1e-14
@@ -31,6 +31,8 @@ _CANCELLED = 1e-14
 _SMALL = 60  # connected rows up to which a component is eliminated densely
 _REMEMBERED = 2000  # small components that are remembered; each takes up to some 50 kB
 _ZERO = 1e-11
+
+_TORN = 1e-9  # part of its majorant below which a force between drives that move apart is roundoff
 
 # Where drives move apart, the force of the held rows between them is this many times the inertia of the rows' bodies
 # times the relative acceleration.
@@ -92,6 +94,12 @@ class Balance:
         """
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
+
+    def torn(self, rates: Array) -> Mask:
+        """Tell which rows drives tear that have these accelerations (d,), or (d, k) for each of some accelerations."""
+        if self.parting is None:
+            return np.zeros((self.count, *rates.shape[1:]), dtype=bool)
+        return np.asarray(np.abs(self.parting @ rates) > _TORN * (abs(self.parting) @ np.abs(rates)))
 
     @cached_property
     def together(self) -> Balance:

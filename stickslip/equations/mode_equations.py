@@ -31,7 +31,6 @@ from stickslip.model.laws.table import VelocityDependentForces
 
 _ROUNDOFF_OF_SHARE = 1e-14  # coefficients of a share below this part of its largest are roundoff
 _LOCKED = 1e-11  # a row cannot move if elimination leaves no more than this part of its coefficients
-_TEARS = 1e-9  # part of its majorant below which a force between drives that move apart is roundoff
 _MOST_MAPS = 50
 
 # Sparse maps are put together if the force on one body changes at most so many accelerations on average.
@@ -139,12 +138,10 @@ class ModeEquations:
 
         The forces that tear rows would be 0, but with a roundoff far above that of all others.
         """
-        parting = self.balance.parting
-        if parting is None:
+        if self.balance.parting is None:
             return self
         rates = self.system.drive_accelerations(segment.factors.T)
-        tears = np.abs(parting @ rates) > _TEARS * (abs(parting) @ np.abs(rates))
-        return self if tears.any() else self.together
+        return self if self.balance.torn(rates).any() else self.together
 
     @cached_property
     def together(self) -> ModeEquations:

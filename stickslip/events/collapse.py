@@ -78,9 +78,9 @@ def _torn(motion: Motion) -> tuple[Mask, Array] | None:
     if balance.parting is None:
         return None
     for rate in accelerations_of_drives(motion):
-        torn = np.abs(balance.parting @ rate) > _SOME * (abs(balance.parting) @ np.abs(rate))
+        torn = balance.torn(rate)
         if torn.any():
-            return np.asarray(torn), rate
+            return torn, rate
     return None
 
 

@@ -153,6 +153,7 @@ class Search:
             self._regions = following
 
     def _of(self, equations: ModeEquations) -> tuple[Motion, Guards]:
+        """Return the motion from here on with these equations, and its guards."""
         motion = Motion(equations, self._segment, self._now.t, self._y, self._now.since)
         return motion, Guards(motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty)
 

@@ -154,7 +154,8 @@ def _with_rates(
 ) -> tuple[Array, Array]:
     """Return the Chebyshev coefficients of some steps through points and rates around them, and about their errors.
 
-    Points are added as long as the polynomial, at first a line, changes less with each; the last change is the error.
+    Points are added as long as the polynomial, at first a line, changes less with each, and by more than what is
+    negligible; the last change is the error.
     """
     counts = np.arange(2, min(_MOST_WITH_RATES, taus.size) + 1)[:, None]
     first = np.minimum(np.maximum(steps - (counts - 2) // 2, 0), taus.size - counts)
@@ -182,11 +183,16 @@ def _with_rates(
         found = np.concatenate([(ends[0] + nodes[:, None] * (ends[1] - ends[0]))[None], sums[3::2]])
         sizes = tolerance[0] * np.maximum(np.abs(ends[0]), np.abs(ends[1])) + tolerance[1]
         changes = (np.abs(np.diff(found, axis=0)) / sizes).max(axis=(2, 3))
-    errors = np.concatenate([np.full((1, steps.size), np.inf), changes])
-    gains = (changes < errors[:-1]) & (errors[:-1] > _NEGLIGIBLE)
-    best = np.argmin(np.concatenate([gains, np.zeros((1, steps.size), dtype=bool)]), axis=0)
-    each = np.arange(steps.size)
-    return from_nodes(_ORDER_WITH_RATES) @ found[best, each], errors[best, each]
+    before = np.concatenate([np.full((1, steps.size), np.inf), changes])
+    gains = changes < before[:-1]
+    enough = gains & (changes <= _NEGLIGIBLE)
+    goes_on = np.concatenate([gains & ~enough, np.zeros((1, steps.size), dtype=bool)])
+    errors = np.concatenate([np.where(enough, changes, before[:-1]), before[-1:]])
+    best, each = np.argmin(goes_on, axis=0), np.arange(steps.size)
+    coefficients = from_nodes(_ORDER_WITH_RATES) @ found[best, each]
+    # through k points and rates, or the ends alone: beyond the order of the polynomial there is only roundoff
+    coefficients[np.arange(_ORDER_WITH_RATES + 1) > 2 * best[:, None] + 1] = 0.0
+    return coefficients, errors[best, each]
 
 
 def _differences(taus: Array, points: Array, tolerance: tuple[float, Any], highest: int) -> tuple[Array, Array]:
