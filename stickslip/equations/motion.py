@@ -451,6 +451,11 @@ class Motion(Inputs):
         return self.equations.majorants(self.state_majorants, np.abs(self.start_inputs))[0]
 
     @property
+    def has_rough_drives(self) -> bool:
+        """Whether there are drives whose accelerations may be differences of the user's functions."""
+        return self.segment.has_functions and bool(self.system.drives)
+
+    @property
     def is_balanced(self) -> bool:
         """Whether the forces at the start cancel on all bodies, but for roundoff that is left on some."""
         rate = self.rate(0.0, self.y)[: self.system.n]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards.at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
+from stickslip.equations.guards.at_start import AT_LIMIT, BY_DIFFERENCES, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
@@ -61,7 +61,8 @@ def _to_come(
     """Return the signs of relative velocities, where these are 0 those to come, and which velocities have died away."""
     is_open = motion.equations.modes == OPEN
     slow = uncertainty.velocity_resolution
-    uncertain = np.where(crossed, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
+    rough = BY_DIFFERENCES if motion.has_rough_drives else ROUNDOFF
+    uncertain = np.where(crossed, rough, max(uncertainty.force_uncertainty, rough))
     still = _CALM_IF_EXACT if uncertainty.velocity_uncertainty is None else _CALM
     to_come, calm = _first_terms(motion, 2, slow, uncertain, still)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):

@@ -291,7 +291,7 @@ class Search:
                 spared = mine.nonzero()[0]
                 others = equations_in(following, system, self._regions)
                 locks = others.locked(rows[spared], ignore_drives=True)
-                spared = spared[locks & ~self._torn(others.balance, rows[spared])]
+                spared = spared[locks & ~_torn(system, self._segment, others.balance, rows[spared])]
                 following[rows[spared]] = _carrying(side[spared])
                 rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
@@ -336,17 +336,8 @@ class Search:
         others = system.balance(rest)
         count = [np.bincount(self._part_of_body[b.dependent], minlength=len(self._rows_of)) for b in (balance, others)]
         part = self._part_of_row[rows]
-        torn = part[self._torn(others, rows)]
+        torn = part[_torn(system, self._segment, others, rows)]
         return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
-
-    def _torn(self, others: Balance, rows: Indices) -> Mask:
-        """Tell for some rows whether drives that move apart would part their ends if only the `others` held."""
-        system = self._system
-        if not system.drives:
-            return np.zeros(rows.size, dtype=bool)
-        rates = system.drive_accelerations(self._segment.factors.T)
-        parted = np.abs(system.relative(others.U @ rates, rates)[rows])
-        return np.asarray((parted > _ALONG * np.abs(rates).max(axis=0)).any(axis=1))
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
@@ -405,7 +396,8 @@ class Search:
             if following is None:
                 equations = again[0].equations
                 # drives may move later what carries its level: without a level its velocity is watched
-                return (motion, guards) if self._torn(equations.balance, equations.at_level).any() else again
+                torn = _torn(self._system, self._segment, equations.balance, equations.at_level)
+                return (motion, guards) if torn.any() else again
             moves = _moves(trial, following)
             for part in self._changed(trial, following):
                 own = self._rows_of[part]
@@ -438,12 +430,27 @@ def moving_at_level(motion: Motion) -> Indices:
     """Return the rows that carry their level though they begin to move."""
     system, equations, start = motion.system, motion.equations, motion.start
     top = equations.at_level[~equations.locked(equations.at_level)]
+    if not top.size:
+        return top
     moves = np.zeros(top.size, dtype=bool)
-    for y, q in zip(start.y[1:], start.q[1:], strict=True) if top.size else ():
+    for y, q in zip(start.y[1:], start.q[1:], strict=True):
         v, u = y[: system.n], system.drive_velocities(q)
         rough = system.abs_G[top] @ np.abs(v) + system.abs_D[top] @ np.abs(u)
         moves |= np.abs(system.relative(v, u)[top]) > ROUNDOFF * rough
+    # what only drives can move they move if they ever part: the derivatives of functions are rough
+    if moves.any():
+        led = equations.locked(top, ignore_drives=True)
+        moves[led] &= _torn(system, motion.segment, equations.balance, top[led])
     return np.asarray(top[moves])
+
+
+def _torn(system: System, segment: Segment, others: Balance, rows: Indices) -> Mask:
+    """Tell for some rows whether drives that move apart in a segment part their ends if only the `others` hold."""
+    if not system.drives:
+        return np.zeros(rows.size, dtype=bool)
+    rates = system.drive_accelerations(segment.factors.T)
+    parted = np.abs(system.relative(others.U @ rates, rates)[rows])
+    return np.asarray((parted > _ALONG * np.abs(rates).max(axis=0)).any(axis=1))
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:

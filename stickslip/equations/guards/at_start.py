@@ -14,9 +14,8 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 # The uncertainty of a quantity, as a part of its majorant: the sum of the sizes of its terms.
 ROUNDOFF = 1e-12
 
-# The same for forces of rows where drives lead bodies and loads are functions: accelerations of such drives are
-# differences.
-_BY_DIFFERENCES = 1e-9
+# The same where accelerations of drives are differences: for velocities, and for forces of rows that drives lead.
+BY_DIFFERENCES = 1e-9
 
 AT_LIMIT = 1e-10  # part of its level within which a force is at its level
 _AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
@@ -157,17 +156,21 @@ class GuardsAtStart(GuardValues):
     def _roundoff_of_velocity(self, i: int, has_fired: bool) -> tuple[list[float], float]:
         """Return bounds below which orders 1 and 2 of a velocity that is 0 are roundoff, and a flatness of 0."""
         motion, majorant = self.motion, self.majorant
+        rough = [ROUNDOFF * float(majorant[k, i]) for k in (1, 2)]
+        if motion.has_rough_drives:
+            by_differences = BY_DIFFERENCES * float(majorant[1, i])
+            rough = [rough[0] + by_differences, rough[1] + by_differences / motion.horizon]
         if motion.equations.modes[self.row[i]] == OPEN:
             # no force can hold an open row: nothing but roundoff is uncertain
-            return [ROUNDOFF * majorant[k, i] for k in (1, 2)], 0.0
+            return rough, 0.0
         # where a load is a function, its slopes have the roundoff of the time, too
         near = self._majorant_at_exact_time if motion.segment.is_straight or motion.is_linear else majorant
         given, majorant_1 = self._given_at_level(i), float(near[1, i])
         found_at = _AS_FIRED * given if has_fired else 0.0
         # A row whose force is beyond its level is not held. Then its acceleration must count as motion, even if it is
         # small: otherwise neither mode is allowed.
-        first = max(AT_LIMIT * (min(majorant_1, given) or majorant_1), found_at) + ROUNDOFF * majorant[1, i]
-        return [first, AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i]], 0.0
+        first = max(AT_LIMIT * (min(majorant_1, given) or majorant_1), found_at) + rough[0]
+        return [first, AT_LIMIT * float(near[2, i]) + rough[1]], 0.0
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
         """Return bounds below which orders 1 and 2 of a guard at its level are roundoff, and its flatness.
@@ -175,8 +178,8 @@ class GuardsAtStart(GuardValues):
         A guard that is within its flatness of 0 up to the horizon stays 0. None where the guard is not at its level.
         """
         motion, coefficients, majorant = self.motion, self.first, self.majorant
-        led = self.rows.is_force[i] and motion.segment.has_functions and motion.equations.is_driven
-        rough = (_BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
+        led = self.rows.is_force[i] and motion.has_rough_drives and motion.equations.is_driven
+        rough = (BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
         tolerance = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
         if of_stop and coefficients[0, i] <= 0:
             # a stop cannot pass its limit: where it is beyond, that is an error of the solver or roundoff
