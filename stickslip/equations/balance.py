@@ -95,11 +95,17 @@ class Balance:
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
 
-    def torn(self, rates: Array) -> Mask:
-        """Tell which rows drives tear that have these accelerations (d,), or (d, k) for each of some accelerations."""
+    def torn(self, rates: Array, are_samples: bool = False) -> Mask:
+        """Tell which rows drives tear that have these accelerations (d,), or (d, k) for each of some accelerations.
+
+        The largest of them, if they `are_samples` of the same accelerations, tells what is roundoff.
+        """
         if self.parting is None:
             return np.zeros((self.count, *rates.shape[1:]), dtype=bool)
-        return np.asarray(np.abs(self.parting @ rates) > _TORN * (abs(self.parting) @ np.abs(rates)))
+        majorant = abs(self.parting) @ np.abs(rates)
+        if are_samples:
+            majorant = majorant.max(axis=1, keepdims=True)
+        return np.asarray(np.abs(self.parting @ rates) > _TORN * majorant)
 
     @cached_property
     def together(self) -> Balance:

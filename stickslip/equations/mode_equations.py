@@ -141,7 +141,7 @@ class ModeEquations:
         if self.balance.parting is None:
             return self
         rates = self.system.drive_accelerations(segment.factors.T)
-        return self if self.balance.torn(rates).any() else self.together
+        return self if self.balance.torn(rates, segment.has_functions).any() else self.together
 
     @cached_property
     def together(self) -> ModeEquations:

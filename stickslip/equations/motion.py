@@ -450,10 +450,23 @@ class Motion(Inputs):
         """Return majorants of the rates of the states at the start."""
         return self.equations.majorants(self.state_majorants, np.abs(self.start_inputs))[0]
 
-    @property
-    def has_rough_drives(self) -> bool:
-        """Whether there are drives whose accelerations may be differences of the user's functions."""
-        return self.segment.has_functions and bool(self.system.drives)
+    @cached_property
+    def roughness(self) -> list[tuple[Array, Array]] | None:
+        """How uncertain velocities of drives leave inputs and watched quantities, as `majorants` of order 0 and 1.
+
+        Where these velocities are the user's functions, the accelerations are differences. None if no such velocity
+        bends.
+        """
+        system, equations = self.system, self.equations
+        if self.segment.is_straight or not system.drives:
+            return None
+        q, y = np.zeros(system.inputs_and_dwells), np.zeros(system.size)
+        q[: system.inputs] = self.segment.roughness
+        y[: system.n] = abs(equations.balance.U) @ system.drive_velocities(q)
+        rate, z = equations.majorants(y, q)
+        slope = np.zeros_like(q)
+        system.drive_velocities(slope)[:] = system.drive_accelerations(q)
+        return [(q, z), (slope, equations.majorants(rate, slope)[1])]
 
     @property
     def is_balanced(self) -> bool:

@@ -9,18 +9,20 @@ rule 8).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import dense
+from stickslip.equations.guards.at_start import SLOPES_STEP
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask
 
 _ROUNDOFF = 1e-14  # part of the terms of an acceleration below which it is 0
 _SOME = 1e-9  # part of the majorant, or of the largest, below which a force or a rate is roundoff
+
+# Parts of a motion after which drives have begun to move, if they begin slowly at its start.
+_SOON = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 
 
 def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
@@ -56,20 +58,40 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
     return give_way
 
 
+def torn_apart(motion: Motion) -> Indices:
+    """Return the held rows that drives tear."""
+    held, found = motion.equations.held, _torn(motion)
+    return held[:0] if found is None else np.asarray(held[found[0]])
+
+
 def pressed_together(motion: Motion) -> Indices:
     """Return held rows that drives tear though none of them can give way: ties, one-way clutches and stops."""
-    held, found = motion.equations.held, _torn(motion)
-    rows: Indices = held[:0] if found is None else held[found[0]]
+    rows = torn_apart(motion)
     return rows[:0] if motion.system.is_friction[rows].any() else rows
 
 
-def accelerations_of_drives(motion: Motion) -> Iterator[Array]:
-    """Yield the Taylor coefficients of the accelerations of the drives, without the roundoff of sines that are 0."""
-    accelerations = motion.system.drive_accelerations
-    roundoff = _ROUNDOFF * np.abs(accelerations(motion.segment.factors.T)).max(axis=1)
-    for q in motion.start.q:
-        rate = accelerations(q)
-        yield np.where(np.abs(rate) > roundoff, rate, 0.0)
+def accelerations_of_drives(motion: Motion) -> list[Array]:
+    """Return the Taylor coefficients of the accelerations of the drives, without those that are roundoff.
+
+    Of drives led by functions the accelerations shortly after the start follow.
+    """
+    system, segment = motion.system, motion.segment
+    speeds, rough = (part(segment.roughness) for part in (system.drive_velocities, system.drive_accelerations))
+    roundoff = _ROUNDOFF * np.abs(system.drive_accelerations(segment.factors.T)).max(axis=1)
+    of_functions = np.where(rough > roundoff, rough, 0.0)
+    # slopes of slopes are rough, and their differences are nothing else
+    by_order = of_functions, of_functions / SLOPES_STEP, np.where(of_functions > 0, np.inf, 0.0)
+    rates = [
+        np.where(np.abs(rate) > np.maximum(roundoff, least), rate, 0.0)
+        for rate, least in zip(map(system.drive_accelerations, motion.start.q), by_order, strict=True)
+    ]
+    # where a velocity touches 0, an acceleration turns before it has changed the velocity by its roundoff
+    first, second = rates[:2]
+    rates[0] = np.where((first * second < 0) & (first**2 <= 2 * np.abs(second) * speeds), 0.0, first)
+    if of_functions.any():
+        soon = system.drive_accelerations(segment.sampled(motion.t + _SOON * motion.horizon))
+        rates.extend(np.where(np.abs(soon) > of_functions[:, None], soon, 0.0).T)
+    return rates
 
 
 def _torn(motion: Motion) -> tuple[Mask, Array] | None:

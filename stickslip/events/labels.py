@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards.at_start import AT_LIMIT, BY_DIFFERENCES, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
+from stickslip.equations.guards.at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, SLOPES_STEP, with_time
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
@@ -61,8 +61,7 @@ def _to_come(
     """Return the signs of relative velocities, where these are 0 those to come, and which velocities have died away."""
     is_open = motion.equations.modes == OPEN
     slow = uncertainty.velocity_resolution
-    rough = BY_DIFFERENCES if motion.has_rough_drives else ROUNDOFF
-    uncertain = np.where(crossed, rough, max(uncertainty.force_uncertainty, rough))
+    uncertain = np.where(crossed, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
     still = _CALM_IF_EXACT if uncertainty.velocity_uncertainty is None else _CALM
     to_come, calm = _first_terms(motion, 2, slow, uncertain, still)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
@@ -89,7 +88,8 @@ def _first_terms(motion: Motion, order: int, slow: Array, uncertain: Array, stil
         part: Any = uncertain if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
         if k > 1 and not motion.is_linear:
             part = DIFFERENCED
-        significant = np.abs(term) > part * magnitude[k]
+        rough = 0.0 if motion.roughness is None else motion.roughness[1][1][:m] / SLOPES_STEP ** (k - 1)
+        significant = np.abs(term) > part * magnitude[k] + rough
         to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
         rise += np.abs(term) * horizon ** (k - 1)
         push += magnitude[k] * horizon ** (k - 1)

@@ -15,7 +15,7 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, ModeEquat
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.events.collapse import collapse
+from stickslip.events.collapse import collapse, torn_apart
 from stickslip.events.least_constraint import least_constraint
 from stickslip.events.sharing import can_relieve, share
 from stickslip.events.situation import Inconsistent, Situation
@@ -55,7 +55,7 @@ class Search:
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion; the `trial` begins with all rows held that may be held."""
         motion, guards = self._build(trial)
-        if guards.is_plain and not np.count_nonzero(guards.violated):
+        if guards.is_plain and not np.count_nonzero(guards.violated) and motion.equations.balance.parting is None:
             return motion, guards
         # rows that bodies join, directly or by other rows, are a part: its forces accelerate no bodies of another part
         self._rows_of = [np.arange(self._system.m)]
@@ -167,7 +167,7 @@ class Search:
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
         if not np.count_nonzero(guards.violated):
-            return self._let_go(trial, motion)
+            return self._let_go(trial, motion, guards)
         violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:
             return again
@@ -209,16 +209,27 @@ class Search:
             self._release(following, motion, guards, rows, side)
         return following
 
-    def _let_go(self, trial: Modes, motion: Motion) -> Modes | None:
-        """Return modes in which no row carries its level that moves, None if there is none.
+    def _let_go(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
+        """Return modes in which no row carries its level that moves, and none holds drives together that move apart.
 
-        A row carries its level while others hold it at rest: these may have been let go after it.
+        A row carries its level while others hold it at rest: these may have been let go after it. Drives that begin to
+        move apart tear rows at once, however small the forces still are. None if there are no such rows.
         """
-        if not (top := moving_at_level(motion)).size:
-            return None
         following = trial.copy()
-        following[top] = self._moving(top, np.where(trial[top] == AT_HIGH, 1.0, -1.0))
-        return following
+        if (top := moving_at_level(motion)).size:
+            following[top] = self._moving(top, np.where(trial[top] == AT_HIGH, 1.0, -1.0))
+            return following
+        for rows, side in collapse(motion, guards):
+            self._release(following, motion, guards, rows, side)
+        if not (following == trial).all():
+            return following
+        torn = torn_apart(motion)
+        if not self._system.is_friction[torn].any():
+            return None
+        # none of them can give way alone
+        parts = np.unique(self._part_of_row[torn]).tolist()
+        following = self._least_constrained(self._reset(trial, self._tried[0], parts), parts)
+        return None if (following == trial).all() else following
 
     def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return modes in which stops are closed that would pass their limit, None if there are none."""
@@ -431,7 +442,7 @@ def moving_at_level(motion: Motion) -> Indices:
     system, equations, start = motion.system, motion.equations, motion.start
     top = equations.at_level[~equations.locked(equations.at_level)]
     if not top.size:
-        return top
+        return np.asarray(top)
     moves = np.zeros(top.size, dtype=bool)
     for y, q in zip(start.y[1:], start.q[1:], strict=True):
         v, u = y[: system.n], system.drive_velocities(q)
@@ -450,7 +461,8 @@ def _torn(system: System, segment: Segment, others: Balance, rows: Indices) -> M
         return np.zeros(rows.size, dtype=bool)
     rates = system.drive_accelerations(segment.factors.T)
     parted = np.abs(system.relative(others.U @ rates, rates)[rows])
-    return np.asarray((parted > _ALONG * np.abs(rates).max(axis=0)).any(axis=1))
+    fastest = np.abs(rates).max(axis=None if segment.has_functions else 0)
+    return np.asarray((parted > _ALONG * fastest).any(axis=1))
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:

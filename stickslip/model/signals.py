@@ -10,7 +10,9 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, Self
 
@@ -24,6 +26,10 @@ from stickslip.model.slopes import slope_by_differences
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6  # looking for zeros in this many periods takes half a minute
 _HIGHEST_FREQUENCY = 1e100  # largest frequency in 1/s whose powers and products do not overflow
+_PARTS = (0.07, 0.31, 0.55, 0.91)  # of a time span, where a function is looked at
+_QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
+_SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
+_FARTHER = 100.0  # by this factor points are farther apart for a slope of slopes
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
 # The method of a load that answers where a number or an array of NumPy stands on the left.
@@ -101,6 +107,11 @@ class Signal(Load):
     def at(self, t: float) -> float:
         """Return the value at `t`, which is known to be a number."""
         raise NotImplementedError
+
+    @property
+    def roundoff(self) -> float:
+        """How uncertain the values are; 0 where that is the roundoff of their terms."""
+        return 0.0
 
     def slope(self, t: float) -> float:
         """Return the derivative at `t` (the right limit where it jumps)."""
@@ -371,6 +382,8 @@ class Function(Signal):
     factor: float = 1.0
     limits: tuple[float, float] = (-math.inf, math.inf)
     reader: str = field(default="", compare=False, repr=False)
+    is_slope: bool = field(default=False, compare=False, repr=False)
+    """Whether the values are slopes of another function: differences, which are far more rough."""
 
     def at(self, t: float) -> float:
         """Return the value at `t`; a ValueError says where it is not a finite number."""
@@ -393,18 +406,34 @@ class Function(Signal):
         d = max(-half, min(t - limit, half))
         return 3 * self.at(limit) - 3 * self.at(limit - d) + self.at(limit - 2 * d)
 
+    @cached_property
+    def roundoff(self) -> float:
+        """How uncertain the values are: by how much they change at least at some times, 0 without a time span."""
+        (low, high), found = self.limits, 0.0
+        for part in _PARTS if math.isfinite(high - low) else ():
+            t = low + part * (high - low)
+            step = math.ulp(max(abs(low), abs(high)))
+            with suppress(ValueError):
+                value = self.at(t)
+                while (change := abs(self.at(t + step) - value)) == 0 and step < _SHORTEST:
+                    step *= 8
+                found = max(found, change)
+        return _QUANTA * found
+
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""
         # the function feels the roundoff of its time
         h = 3e-6 * self.shortest_period if self.shortest_period else max(1e-6, 1e-9 * abs(t))
+        if self.is_slope:
+            h *= _FARTHER
         times = self.break_times
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
         ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
         if min(behind, ahead) > 2 * h:
-            return slope_by_differences(self.at, t, h, -2 * h)
+            return slope_by_differences(self.at, t, h, -2 * h, self.roundoff)
         h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
-        return slope_by_differences(self.at, t, h, 2 * h)
+        return slope_by_differences(self.at, t, h, 2 * h, self.roundoff)
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the given breaks between `start` and `stop`."""

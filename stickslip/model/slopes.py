@@ -13,14 +13,15 @@ _SHORTER, _TRIES = 32.0, 8  # by how much a step that is too long is shortened, 
 
 
 def slopes_by_differences(
-    function: Callable[[float], Sequence[float]], x: float, first: float, second: float
+    function: Callable[[float], Sequence[float]], x: float, first: float, second: float, roundoff: float = 0.0
 ) -> list[float]:
     """Return the slopes of the values of a function at `x` by differences of second order.
 
     ``f' = (s1 d2 - s2 d1) / (d2 - d1)`` with the slopes ``s = (f(x + d) - f(x)) / d`` to two points. Their distances
     `first` and `second` differ in size: to mirrored points the slopes of an odd function are the same. On which scale
     the function bends is not known. So where the slopes differ, both points are taken nearer. If that ends in
-    roundoff, the slope counts that changes least from step to step.
+    roundoff, the slope counts that changes least from step to step. If the `roundoff` of the values is known, no point
+    is taken so near that nothing else changes the slope.
     """
     values = function(x)
     slopes, rough = [0.0] * len(values), list(range(len(values)))
@@ -32,9 +33,14 @@ def slopes_by_differences(
         near, far, reach, left = function(x + d1), function(x + d2), max(abs(d1), abs(d2)), []
         for k in rough:
             value = values[k]
+            if near[k] == value == far[k]:
+                slopes[k] = 0.0
+                continue
             s1, s2 = (near[k] - value) / d1, (far[k] - value) / d2
             slope, apart = (s1 * d2 - s2 * d1) / (d2 - d1), abs(s1 - s2)
             change = abs(slope - slopes[k]) if number else math.inf
+            if change * min(abs(d1), abs(d2)) <= roundoff:
+                continue
             slopes[k] = slope
             if change <= least[k]:
                 best[k], least[k] = slope, change
@@ -47,7 +53,9 @@ def slopes_by_differences(
     return slopes
 
 
-def slope_by_differences(function: Callable[[float], float], x: float, first: float, second: float) -> float:
+def slope_by_differences(
+    function: Callable[[float], float], x: float, first: float, second: float, roundoff: float = 0.0
+) -> float:
     """Return the slope of a function of one value, as `slopes_by_differences` does: fast where it hardly bends."""
     d1, d2 = (x + first) - x, (x + second) - x
     if d1 and d2 and d1 != d2:
@@ -55,4 +63,4 @@ def slope_by_differences(function: Callable[[float], float], x: float, first: fl
         s1, s2 = (function(x + d1) - value) / d1, (function(x + d2) - value) / d2
         if abs(s1 - s2) <= _BENDS * abs(s1):
             return (s1 * d2 - s2 * d1) / (d2 - d1)
-    return slopes_by_differences(lambda at: (function(at),), x, first, second)[0]
+    return slopes_by_differences(lambda at: (function(at),), x, first, second, roundoff)[0]

@@ -9,7 +9,22 @@ import numpy as np
 import pytest
 import scipy
 
-from stickslip import Body, Contact, Drive, DryFriction, Mode, Scene, piecewise_linear, signal, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Mode,
+    Result,
+    Scene,
+    Signal,
+    piecewise_linear,
+    signal,
+    simulate,
+    sine,
+)
 
 SOLVERS: list[dict[str, Any]] = [
     {},
@@ -49,3 +64,81 @@ def test_two_contacts_let_go_at_the_sum_of_their_levels(options: dict[str, Any])
     expected = scipy.optimize.brentq(lambda t: 4 * math.cos(2 * t) + 2 * t, 1.0, 1.2, xtol=1e-14)
     assert [event.after for event in result.events] == [Mode.BACKWARD] * 2
     np.testing.assert_allclose([event.t for event in result.events], expected, rtol=0, atol=1e-9)
+
+
+RAISED = sine(-1.0, 1 / math.pi, phase=math.pi / 2, offset=1.0)
+
+
+@pytest.mark.parametrize("options", SOLVERS, ids=str)
+@pytest.mark.parametrize("dwell", [0.0, 0.01])
+@pytest.mark.parametrize(("ground", "static"), [(0.0, 1.0), (0.3, 1.0), (0.3, 1.1), (1.2, 1.0), (1.2, 1.3)])
+def test_a_belt_that_starts_and_stops_smoothly(
+    ground: float, static: float, dwell: float, options: dict[str, Any]
+) -> None:
+    """``1 - cos 2 t`` touches 0 at 0, pi, 2 pi: the box goes as with the sine, which the series follows exactly."""
+    law = DryFriction(static, 1.0, dwell=dwell)
+
+    def run(velocity: Signal, **given: Any) -> Result:
+        scene = Scene(
+            Body("box", inertia=0.6),
+            Drive("belt", velocity=velocity),
+            Contact("pad", "belt", "box", law, normal=1.0),
+            Contact("floor", "box", GROUND, law, normal=ground),
+        )
+        return simulate(scene, (0.0, 5.0), t_eval=np.linspace(0, 5, 101), **given)
+
+    expected, result = run(RAISED), run(signal(lambda t: 1 - math.cos(2 * t)), **options)
+    assert [event.contact for event in run(RAISED, **options).events] == [event.contact for event in expected.events]
+    np.testing.assert_allclose(result.velocity("box"), expected.velocity("box"), rtol=0, atol=1e-7)
+    assert result.stats["restarts"] <= 15
+    # a rest of the floor at the instant at which the belt rests may be told or not
+    of_pad = [[event.after for event in one.events if event.contact == "pad"] for one in (result, expected)]
+    assert of_pad[0] == of_pad[1]
+
+
+@pytest.mark.parametrize("options", SOLVERS, ids=str)
+@pytest.mark.parametrize("other", [lambda t: 3 * math.sin(2 * t) / 3, lambda t: 2 * math.sin(t) * math.cos(t), None])
+def test_belts_that_move_alike_by_other_formulas(other: Any, options: dict[str, Any]) -> None:
+    """Both belts run with ``sin 2 t``; the first box lets go at ``10 t - 9 N - 4 N = 1 kg 2 cos 2 t``."""
+    scene = Scene(
+        Body("first", inertia=1.0),
+        Body("second", inertia=2.0),
+        Drive("left", velocity=signal(lambda t: math.sin(2 * t))),
+        Drive("right", velocity=sine(1.0, 1 / math.pi) if other is None else signal(other)),
+        Contact("outer", "left", "first", LAW, normal=9.0),
+        Contact("middle", "first", "second", LAW, normal=4.0),
+        Contact("inner", "right", "second", LAW, normal=9.0),
+        Force("first", piecewise_linear([0, 2], [0, 20])),
+    )
+    result = simulate(scene, (0.0, 1.3), **options)
+    expected = scipy.optimize.brentq(lambda t: 10 * t - 13 - 2 * math.cos(2 * t), 1.0, 1.3, xtol=1e-14)
+    assert {event.contact for event in result.events} == {"outer", "middle"}
+    np.testing.assert_allclose([event.t for event in result.events], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("options", SOLVERS, ids=str)
+@pytest.mark.parametrize(
+    ("velocity", "acceleration"),
+    [
+        (lambda t: t**3, lambda t: 3 * t**2),
+        (lambda t: t**4, lambda t: 4 * t**3),
+        (lambda t: 10 * t**3 - 15 * t**4 + 6 * t**5, lambda t: 30 * t**2 - 60 * t**3 + 30 * t**4),
+        (lambda t: math.tanh(t) ** 2, lambda t: 2 * math.tanh(t) / math.cosh(t) ** 2),
+    ],
+)
+def test_a_belt_that_begins_slowly_takes_a_box_from_the_floor(
+    velocity: Any, acceleration: Any, options: dict[str, Any]
+) -> None:
+    """The pad gives 0.3 N, which the floor takes, and 0.6 kg times the acceleration, up to 1 N."""
+    scene = Scene(
+        Body("box", inertia=0.6),
+        Drive("belt", velocity=signal(velocity)),
+        Contact("pad", "belt", "box", LAW, normal=1.0),
+        Contact("floor", "box", GROUND, LAW, normal=0.3),
+    )
+    times = np.linspace(0.01, 0.2, 20)
+    result = simulate(scene, (0.0, 0.2), t_eval=times, **options)
+    np.testing.assert_allclose(result.velocity("box"), [velocity(t) for t in times], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(result.force("pad"), [0.3 + 0.6 * acceleration(t) for t in times], rtol=0, atol=1e-8)
+    assert not result.events
+    assert (result.mode("floor") == Mode.FORWARD).all()

@@ -160,6 +160,21 @@ def test_a_function_late_in_a_run_has_a_slope() -> None:
     assert signal(lambda t: 2.0 * (t - 1e6)).slope(1e6 + 0.3) == pytest.approx(2.0, rel=1e-9)
 
 
+@pytest.mark.parametrize("span", [(0.0, 6.0), (0.0, 1e-2), (3.14, 3.15)])
+def test_a_function_whose_terms_cancel_has_a_slope(span: tuple[float, float]) -> None:
+    """``1 - cos 2 t`` is as rough next to 0 as elsewhere: its roundoff is that of the cosine, 1e-16, over 1e-6 s."""
+    f = signal(lambda t: 1 - math.cos(2 * t)).within(*span)
+    assert 1e-16 <= f.roundoff <= 1e-14
+    for t in np.concatenate([span[0] + np.geomspace(1e-12, 1e-3, 10), [span[0], math.pi, span[1]]]):
+        if span[0] <= t <= span[1]:
+            assert f.slope(t) == pytest.approx(2 * math.sin(2 * t), abs=2e-9)
+
+
+def test_a_constant_function_has_no_roundoff() -> None:
+    assert signal(lambda t: 2.0).within(0.0, 1.0).roundoff == 0.0
+    assert signal(math.sin).roundoff == Constant(1.0).roundoff == 0.0
+
+
 @pytest.mark.parametrize("value", [np.float64(2.5), np.array(2.5), np.float32(2.5), 2.5])
 def test_a_function_may_return_any_single_number(value: Any) -> None:
     assert signal(lambda t: value)(0.0) == 2.5

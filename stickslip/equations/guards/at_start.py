@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import numpy as np
@@ -14,9 +15,6 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 # The uncertainty of a quantity, as a part of its majorant: the sum of the sizes of its terms.
 ROUNDOFF = 1e-12
 
-# The same where accelerations of drives are differences: for velocities, and for forces of rows that drives lead.
-BY_DIFFERENCES = 1e-9
-
 AT_LIMIT = 1e-10  # part of its level within which a force is at its level
 _AS_FIRED = 1e-6  # the same for a row that an event has just found at its limit
 VALUE_ROUNDOFF = 2e-15  # part of its majorant by which a value that is 0 may be beyond 0
@@ -28,6 +26,8 @@ _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion doe
 _HARDLY = 1e-3  # part of the least normal force that a solver feels below which a contact is hardly pressed
 _UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
+
+SLOPES_STEP = 1e-4  # the uncertainty of a function over this step in s is that of its slope, as of slopes of slopes
 
 # The uncertainty of second and higher Taylor coefficients, as a part of their majorants, in motions that are not
 # linear: there these coefficients are differences.
@@ -90,7 +90,7 @@ class GuardsAtStart(GuardValues):
         """How far the velocity of each guard's row has to be beyond 0 before that is an event."""
         if self.velocity_uncertainty is None:
             return np.zeros(self.size)
-        return np.asarray(self.velocity_uncertainty[self.row])
+        return np.asarray(self.velocity_uncertainty[self.row] + self._roughness[0])
 
     # -- the start -----------------------------------------------------------------------------------------
 
@@ -156,10 +156,10 @@ class GuardsAtStart(GuardValues):
     def _roundoff_of_velocity(self, i: int, has_fired: bool) -> tuple[list[float], float]:
         """Return bounds below which orders 1 and 2 of a velocity that is 0 are roundoff, and a flatness of 0."""
         motion, majorant = self.motion, self.majorant
-        rough = [ROUNDOFF * float(majorant[k, i]) for k in (1, 2)]
-        if motion.has_rough_drives:
-            by_differences = BY_DIFFERENCES * float(majorant[1, i])
-            rough = [rough[0] + by_differences, rough[1] + by_differences / motion.horizon]
+        rough = [ROUNDOFF * float(majorant[k, i]) + float(self._roughness[k, i]) for k in (1, 2)]
+        if speed := float(self._roughness[0, i]):
+            # where a velocity touches 0, its slope may turn before it has changed the velocity by its roundoff
+            rough[0] += 2 * math.sqrt(speed * abs(float(self.start[2, i])))
         if motion.equations.modes[self.row[i]] == OPEN:
             # no force can hold an open row: nothing but roundoff is uncertain
             return rough, 0.0
@@ -177,9 +177,8 @@ class GuardsAtStart(GuardValues):
 
         A guard that is within its flatness of 0 up to the horizon stays 0. None where the guard is not at its level.
         """
-        motion, coefficients, majorant = self.motion, self.first, self.majorant
-        led = self.rows.is_force[i] and motion.has_rough_drives and motion.equations.is_driven
-        rough = (BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
+        coefficients, majorant = self.first, self.majorant
+        rough = ROUNDOFF * majorant[0, i] + self._roughness[0, i]
         tolerance = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
         if of_stop and coefficients[0, i] <= 0:
             # a stop cannot pass its limit: where it is beyond, that is an error of the solver or roundoff
@@ -315,6 +314,14 @@ class GuardsAtStart(GuardValues):
         if np.count_nonzero(found > 2 * self._majorant_at_exact_time[:-1]):
             found = np.minimum(found, self._with_time(self._majorant_at_exact_time, self._majorant_from_rates))
         return found
+
+    @cached_property
+    def _roughness(self) -> Array:
+        """How uncertain orders 0 to 2 of the guards are beside roundoff: accelerations of drives may be differences."""
+        if self.motion.roughness is None:
+            return np.zeros((3, self.size))
+        found = [self.rows.majorants(z, q) for q, z in self.motion.roughness]
+        return np.array([*found, found[1] / SLOPES_STEP])
 
     @cached_property
     def _majorant_from_rates(self) -> Array:

@@ -136,7 +136,7 @@ class Guards(GuardsAtStart):
         """Local times until which guards that leave 0 are roundoff, and how far guards that stay 0 may stray from 0."""
         g = self.start if self._bent.size else self.first
         noise = ROUNDOFF * self.majorant
-        rough = ROUNDOFF * self.scale + noise[0] + self.unfelt
+        rough = ROUNDOFF * self.scale + noise[0] + self.unfelt + self._roughness[0]
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
         for k in set(self.order[self._leaves].tolist()):
             rows = (self.order == k).nonzero()[0]

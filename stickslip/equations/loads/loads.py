@@ -30,6 +30,7 @@ TableRegions = tuple[int, ...] | None
 
 _JUMP = 1e-9  # a signal jumps if it changes by more than this part of its largest value
 _TOGETHER = 2e-15  # breaks that differ by this part of their time are the same but for roundoff
+_ROUNDOFF = 1e-15  # part of the largest value of a sine that is its roundoff
 _SAMPLES = 50  # of the functions of a segment, where these are compared
 _MOST_ENTRIES = 10_000  # entries of segments that are kept at most
 
@@ -231,19 +232,28 @@ class Segment:
 
     @cached_property
     def factors(self) -> Array:
-        """The inputs are sums of functions of time: their factors, a row for each; of the user's functions, samples."""
+        """The inputs are sums of functions of time: their factors, a row for each.
+
+        Where some functions are the user's, these are samples of the inputs instead.
+        """
+        if self.has_functions:
+            # at uneven times: functions with a period are not met at the same phase each time
+            part = np.modf(0.5 * (math.sqrt(5.0) - 1.0) * np.arange(_SAMPLES))[0]
+            return self.sampled(self.start + part * (self._before_stop - self.start)).T
         sines, size = self.sines, self.value.size
         turns, own = np.unique(sines.turn, return_inverse=True)
         of_sines = np.zeros((2, turns.size, size))
         for found, part in zip(of_sines, (np.cos(sines.phase), np.sin(sines.phase)), strict=True):
             np.add.at(found, (own, sines.entry), sines.amplitude * part)
-        # at uneven times: functions with a period are not met at the same phase each time
-        part = np.modf(0.5 * (math.sqrt(5.0) - 1.0) * np.arange(_SAMPLES if self._functions else 0))[0]
-        times = self.start + part * (self._before_stop - self.start)
-        of_functions = np.zeros((times.size, size))
+        return np.concatenate([self.value[None], self.slope[None], *of_sines])
+
+    @cached_property
+    def roughness(self) -> Array:
+        """How uncertain the inputs are that are not straight: by their roundoff, slopes of functions by far more."""
+        found = _ROUNDOFF * np.where(self.amplitudes > 0, self.amplitudes + np.abs(self.value), 0.0)
         for i, function in self._functions:
-            of_functions[:, i] += function.sampled(times)
-        return np.concatenate([self.value[None], self.slope[None], *of_sines, of_functions])
+            found[i] += function.roundoff
+        return found
 
     def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
         """Enter the inputs, whose local time runs from `t`, as sums over columns."""
@@ -354,4 +364,5 @@ def _jumps(value: Callable[[float], float], times: Sequence[float]) -> list[floa
 def _slope(term: Signal, start: float, stop: float) -> Signal:
     """Return the slope of a load within a segment as a load, whose slope is a difference over a part of its period."""
     period = term.period or math.inf
-    return Function(term.slope, (), period if math.isfinite(period) else None, limits=(start, stop))
+    shortest = period if math.isfinite(period) else None
+    return Function(term.slope, (), shortest, limits=(start, stop), is_slope=True)
