@@ -201,7 +201,7 @@ class Watch:
         """Return the sizes of states, a column per time, where those of positions at stops are the largest so far."""
         if self._struck.size:
             at_stops = sizes[self._struck]
-            self._farthest = np.maximum(self._farthest, at_stops.max(axis=1, keepdims=True))
+            self._farthest = np.maximum(self._farthest, at_stops.max(axis=1, keepdims=True, initial=0.0))
             sizes[self._struck] = self._farthest
         return sizes
 

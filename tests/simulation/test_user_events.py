@@ -445,3 +445,17 @@ def test_what_breaks_away_over_the_corner_of_a_table_does_not_rest_at_once(side:
     assert result.status == 0
     assert [(e.contact, e.after) for e in result.events] == [("c", Mode(int(side)))]
     assert result.events[0].t == pytest.approx(0.05, abs=1e-9)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=str)
+def test_a_motion_without_length_beside_a_stop(way: dict[str, Any]) -> None:
+    """The force ``-x`` ends at 0.5 m, where the body starts: it swings as ``0.5 cos t`` and is never at 0.55 m."""
+    scene = Scene(
+        Body("body", inertia=1.0, position=0.5),
+        Stop("wall", "body", GROUND, upper=1.0),
+        Force("body", -1.0 * saturate(position("body"), 0.0, 0.5)),
+    )
+    marks = [When("beyond", position("body") - 0.55), When("half way", position("body") - 0.25)]
+    result = simulate(scene, (0.0, 1.5), events=marks, **way)
+    assert [event.contact for event in result.events] == ["half way"]
+    assert result.events[0].t == pytest.approx(math.acos(0.5), abs=1e-6)

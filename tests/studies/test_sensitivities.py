@@ -1841,3 +1841,52 @@ def test_after_an_impact_that_brings_a_contact_to_rest_exactly_there_is_no_deriv
     if stops:
         (reason,) = found.reasons
         assert "'under a' has relative velocity 0 after an impact and begins to slip" in reason
+
+
+@pytest.mark.parametrize(("load", "exists"), [(1.9, True), (-1.9, True), (2.1, False), (-2.1, False), (2.9, False)])
+def test_a_contact_that_holds_more_at_rest_has_no_derivative_off_rest(load: float, exists: bool) -> None:
+    """Friction of 2 N in motion and 3 N at rest: a load beyond 2 N keeps a body going, however slow it starts."""
+
+    def scene(velocity: float) -> Scene:
+        law = DryFriction(0.3, 0.2)
+        body = Body("box", inertia=1.0, velocity=velocity)
+        return Scene(body, Contact("pad", "box", GROUND, law, normal=10.0), Force("box", load))
+
+    found = sensitivities(scene(0.0), (0.0, 2.0), ["box.velocity", "box.inertia"])
+    near = [simulate(scene(velocity), (0.0, 2.0)).position("box")[-1] for velocity in (1e-6, -1e-6)]
+    if exists:
+        assert np.abs(near).max() <= 1e-9
+        assert (found.position("box") == 0).all() and not found.reasons
+    else:
+        assert np.abs(near).max() > 0.1
+        assert np.isnan(found.position("box")[0]) and found.position("box")[1] == 0
+        assert len(found.reasons) == 1 and "'pad' starts at rest, and near by it slips on" in found.reasons[0]
+
+
+@pytest.mark.parametrize(("load", "exists"), [(1.5, True), (2.5, False)])
+def test_a_contact_that_an_impact_brings_to_rest_and_that_holds_more_at_rest(load: float, exists: bool) -> None:
+    """Equal masses exchange their velocities. If the second one is a little lighter, the first one creeps on.
+
+    Friction of 2 N in motion stops it from there on only if the load is less.
+    """
+    scene = Scene(
+        Body("first", inertia=1.0, velocity=2.0),
+        Body("second", inertia=1.0, position=0.5),
+        Force("first", load),
+        Contact("pad", "first", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+        Stop("bumper", "first", "second", upper=0.0, restitution=1.0),
+    )
+    found = sensitivities(scene, (0.0, 1.0), ["second.inertia"])
+    assert found.result.mode("pad")[-1] == Mode.STUCK
+    assert np.isnan(found.position("first")[0]) != exists
+    if not exists:
+        assert "'pad' has relative velocity 0 after an impact, and near by it slips on" in found.reasons[0]
+
+
+def test_two_contacts_that_share_a_load_slip_on_together() -> None:
+    """Friction of 1 N each in motion, 1.5 N each at rest, and a load of 2.5 N: no contact alone would slip."""
+    pads = (Contact(name, "box", GROUND, DryFriction(0.3, 0.2), normal=5.0) for name in ("left", "right"))
+    scene = Scene(Body("box", inertia=1.0), Force("box", 2.5), *pads)
+    found = sensitivities(scene, (0.0, 1.0), ["box.velocity"])
+    assert np.isnan(found.position("box")).all()
+    assert "near by it slips on" in found.reasons[0]

@@ -65,6 +65,34 @@ def _off_rest(nearby: Nearby, motion: Motion, S: Array, times: Array) -> Iterato
         yield k, nearby.system.rows[rows[i]].name
 
 
+def off_hold_at_start(nearby: Nearby) -> Iterator[tuple[int, str]]:
+    """Find directions that move rows off rest at the start, of which one then goes on."""
+    motion, limits = nearby.motion_of(0), TIE * nearby.state_sizes[0] / nearby.sizes
+    for k, slopes in enumerate(_relative_at_start(nearby).T):
+        if name := goes_on(motion, slopes, limits[k]):
+            yield k, f"{name!r} starts at rest, and near by it slips on: it holds more at rest than in motion"
+
+
+def goes_on(motion: Motion, slopes: Array, limit: float) -> str:
+    """Return the name of a held row that would not come to rest again if rows moved with some relative velocities.
+
+    They move with small ones that have these `slopes`, or with the opposite ones; slopes up to the `limit` are none.
+    The name is empty if there is no such row. A contact may hold more at rest than in motion.
+    """
+    system, equations = motion.system, motion.equations
+    held = equations.held[system.is_friction[equations.held]]
+    rows = held[np.abs(slopes[held]) > limit]
+    for side in (1, -1) if rows.size else ():
+        modes = equations.modes.copy()
+        modes[rows] = side * np.sign(slopes[rows])
+        near = Motion(equations_in(modes, system, equations.regions), motion.segment, motion.t, motion.y, motion.since)
+        along = near.relative_accelerations(0.0, near.y)[rows] * modes[rows]
+        rough = _TOUCH * np.asarray(system.abs_G[rows] @ near.rate_majorants()[: system.n])
+        if (on := (along >= -rough) & ~near.equations.locked(rows)).any():
+            return str(system.rows[rows[on.argmax()]].name)
+    return ""
+
+
 def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
     """Find directions that move rows off rest at the start whose level rises while they rest.
 

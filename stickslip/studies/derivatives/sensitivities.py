@@ -202,7 +202,7 @@ def sensitivities(
     result = simulated(scene, t_span, method=method, rtol=rtol, atol=atol)
     directions = [along_parameter(scene, one, result.trajectory, "sensitivities") for one in named]
     variation = Variation(result, directions)
-    for k, why in kinks.at_dwells(variation):
+    for k, why in (*kinks.at_dwells(variation), *kinks.off_hold_at_start(variation)):
         variation.give_up(k, why)
     return from_variation(variation)
 

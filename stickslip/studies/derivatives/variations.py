@@ -210,6 +210,18 @@ class Variation(Nearby):
                 return np.full(self.system.n, np.nan)
         return total(parts)
 
+    def _relative_after(self, k: int, impact: VariedImpact, before: float, t: float) -> Any:
+        """Return the part of the derivative of all relative velocities after an impact that changes of the scene cause.
+
+        Held rows may move by them. The rest is as in `_of_scene`.
+        """
+
+        def relative(near: System, loads: Loads) -> Array:
+            u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
+            return near.relative(impact.near(near, u, now), now)
+
+        return total([weight * relative(near, loads) for weight, near, loads in self.near_ones[k]])
+
     def _breaks_at(self, t: float) -> Array:
         """Return the changes of the times of all breaks of loads at time `t`, (breaks, directions)."""
         loads, near_by = self.trajectory.loads, _TOGETHER * (self.trajectory.span.stop - self.trajectory.span.start)
@@ -293,6 +305,12 @@ class Variation(Nearby):
                 self._refuse(piece.stop, [(k, _HIT_TOGETHER)], times)
                 slope = np.full(n, np.nan)
             near = self._of_scene(k, impact, held, piece.t, following.t)
+            if impact.jumps:
+                free = system.relative(slope, rates * times[k]) + self._relative_after(k, impact, piece.t, following.t)
+                if name := kinks.goes_on(after, free, max(TIE * np.abs(free).max(initial=0.0), rough[k])):
+                    why = f"{name!r} has relative velocity 0 after an impact, and near by it slips on"
+                    self._refuse(piece.stop, [(k, why)], times)
+                    near = np.nan
             found[:n, k] = balance.project(slope, rates * times[k]) + near
         found -= np.outer(after.rate(0.0, following.y), times)
         found[self._unbent_bristles(following)] = 0.0
