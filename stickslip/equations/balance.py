@@ -95,17 +95,15 @@ class Balance:
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
 
-    def torn(self, rates: Array, are_samples: bool = False) -> Mask:
+    def torn(self, rates: Array, roughness: Array) -> Mask:
         """Tell which rows drives tear that have these accelerations (d,), or (d, k) for each of some accelerations.
 
-        The largest of them, if they `are_samples` of the same accelerations, tells what is roundoff.
+        The accelerations are uncertain by their `roughness` (d,).
         """
         if self.parting is None:
             return np.zeros((self.count, *rates.shape[1:]), dtype=bool)
-        majorant = abs(self.parting) @ np.abs(rates)
-        if are_samples:
-            majorant = majorant.max(axis=1, keepdims=True)
-        return np.asarray(np.abs(self.parting @ rates) > _TORN * majorant)
+        rough = abs(self.parting) @ (_TORN * np.abs(rates) + like(roughness, rates))
+        return np.asarray(np.abs(self.parting @ rates) > rough)
 
     @cached_property
     def together(self) -> Balance:

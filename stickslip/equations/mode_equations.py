@@ -140,8 +140,8 @@ class ModeEquations:
         """
         if self.balance.parting is None:
             return self
-        rates = self.system.drive_accelerations(segment.factors.T)
-        return self if self.balance.torn(rates, segment.has_functions).any() else self.together
+        rates, rough = (self.system.drive_accelerations(part) for part in (segment.factors.T, segment.roughness))
+        return self if self.balance.torn(rates, rough).any() else self.together
 
     @cached_property
     def together(self) -> ModeEquations:

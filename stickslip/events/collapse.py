@@ -21,8 +21,8 @@ from stickslip.model.arrays import Array, Indices, Mask
 _ROUNDOFF = 1e-14  # part of the terms of an acceleration below which it is 0
 _SOME = 1e-9  # part of the majorant, or of the largest, below which a force or a rate is roundoff
 
-# Parts of a motion after which drives have begun to move, if they begin slowly at its start.
-_SOON = np.array([1e-6, 1e-5, 1e-4, 1e-3])
+# Parts of a motion. After the first one drives have begun to move, if they begin at its start.
+_SOON = np.array([1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
 
 
 def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
@@ -73,7 +73,7 @@ def pressed_together(motion: Motion) -> Indices:
 def accelerations_of_drives(motion: Motion) -> list[Array]:
     """Return the Taylor coefficients of the accelerations of the drives, without those that are roundoff.
 
-    Of drives led by functions the accelerations shortly after the start follow.
+    The accelerations shortly after the start follow, of drives led by functions that begin to move there.
     """
     system, segment = motion.system, motion.segment
     speeds, rough = (part(segment.roughness) for part in (system.drive_velocities, system.drive_accelerations))
@@ -89,8 +89,11 @@ def accelerations_of_drives(motion: Motion) -> list[Array]:
     first, second = rates[:2]
     rates[0] = np.where((first * second < 0) & (first**2 <= 2 * np.abs(second) * speeds), 0.0, first)
     if of_functions.any():
-        soon = system.drive_accelerations(segment.sampled(motion.t + _SOON * motion.horizon))
-        rates.extend(np.where(np.abs(soon) > of_functions[:, None], soon, 0.0).T)
+        # drives that begin so slowly that their derivatives are roundoff have moved all the same, however little
+        soon = segment.sampled(motion.t + np.append(0.0, _SOON * motion.horizon))
+        velocities, accelerations = system.drive_velocities(soon), system.drive_accelerations(soon)
+        slow = (velocities[:, 1] != velocities[:, 0])[:, None] & (np.abs(accelerations) > of_functions[:, None])
+        rates.extend(np.where(slow, accelerations, 0.0).T[2:])
     return rates
 
 
@@ -99,8 +102,9 @@ def _torn(motion: Motion) -> tuple[Mask, Array] | None:
     balance = motion.equations.balance
     if balance.parting is None:
         return None
-    for rate in accelerations_of_drives(motion):
-        torn = balance.torn(rate)
+    rough = motion.system.drive_accelerations(motion.segment.roughness)
+    for order, rate in enumerate(accelerations_of_drives(motion)):
+        torn = balance.torn(rate, rough / SLOPES_STEP if order == 1 else rough)
         if torn.any():
             return torn, rate
     return None

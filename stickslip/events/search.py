@@ -459,10 +459,10 @@ def _torn(system: System, segment: Segment, others: Balance, rows: Indices) -> M
     """Tell for some rows whether drives that move apart in a segment part their ends if only the `others` hold."""
     if not system.drives:
         return np.zeros(rows.size, dtype=bool)
-    rates = system.drive_accelerations(segment.factors.T)
+    rates, rough = (system.drive_accelerations(part) for part in (segment.factors.T, segment.roughness))
     parted = np.abs(system.relative(others.U @ rates, rates)[rows])
-    fastest = np.abs(rates).max(axis=None if segment.has_functions else 0)
-    return np.asarray((parted > _ALONG * fastest).any(axis=1))
+    uncertain = (system.abs_G @ (abs(others.U) @ rough) + system.abs_D @ rough)[rows, None]
+    return np.asarray((parted > _ALONG * np.abs(rates).max(axis=0) + uncertain).any(axis=1))
 
 
 def _moves(trial: Modes, following: Modes) -> Mask:

@@ -26,7 +26,8 @@ from stickslip.model.slopes import slope_by_differences
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6  # looking for zeros in this many periods takes half a minute
 _HIGHEST_FREQUENCY = 1e100  # largest frequency in 1/s whose powers and products do not overflow
-_PARTS = (0.07, 0.31, 0.55, 0.91)  # of a time span, where a function is looked at
+_PARTS = tuple(math.fmod(0.6180339887 * k, 1.0) for k in range(1, 21))  # of a time span, where functions are looked at
+_JUMP = 1e-3  # a change over next to no time is a jump beyond this part of the largest value
 _QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
 _SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
 _FARTHER = 100.0  # by this factor points are farther apart for a slope of slopes
@@ -409,7 +410,7 @@ class Function(Signal):
     @cached_property
     def roundoff(self) -> float:
         """How uncertain the values are: by how much they change at least at some times, 0 without a time span."""
-        (low, high), found = self.limits, 0.0
+        (low, high), found, largest = self.limits, 0.0, 0.0
         for part in _PARTS if math.isfinite(high - low) else ():
             t = low + part * (high - low)
             step = math.ulp(max(abs(low), abs(high)))
@@ -417,8 +418,9 @@ class Function(Signal):
                 value = self.at(t)
                 while (change := abs(self.at(t + step) - value)) == 0 and step < _SHORTEST:
                     step *= 8
-                found = max(found, change)
-        return _QUANTA * found
+                found, largest = max(found, change), max(largest, abs(value))
+        # where a function jumps from one instant to the next, that is no roundoff
+        return _QUANTA * found if found <= _JUMP * largest else 0.0
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""

@@ -142,3 +142,55 @@ def test_a_belt_that_begins_slowly_takes_a_box_from_the_floor(
     np.testing.assert_allclose(result.force("pad"), [0.3 + 0.6 * acceleration(t) for t in times], rtol=0, atol=1e-8)
     assert not result.events
     assert (result.mode("floor") == Mode.FORWARD).all()
+
+
+@pytest.mark.parametrize("options", SOLVERS, ids=str)
+@pytest.mark.parametrize(("stop", "start"), [(10.0, 0.005), (1e3, 0.5), (1e4, 5.0)])
+def test_a_belt_rests_until_it_starts(stop: float, start: float, options: dict[str, Any]) -> None:
+    """Until the belt starts with ``(t - start)^3``, pad and floor share a load of 0.2 N, whatever the time span."""
+    scene = Scene(
+        Body("box", inertia=0.6),
+        Drive("belt", velocity=signal(lambda t: max(0.0, min(t - start, 1.0)) ** 3, breaks=[start + 1.0])),
+        Contact("pad", "belt", "box", LAW, normal=1.0),
+        Contact("floor", "box", GROUND, LAW, normal=0.5),
+        Force("box", 0.2),
+    )
+    result = simulate(scene, (0.0, stop), t_eval=[0.0, 0.9 * start], **options)
+    first = result.events[0]
+    assert (first.contact, first.after) == ("floor", Mode.FORWARD) and start <= first.t <= start + 1e-5
+    assert (result.mode("pad") == Mode.STUCK).all() and (result.mode("floor") == Mode.STUCK).all()
+    np.testing.assert_allclose(np.abs([result.force("pad"), result.force("floor")]), 0.1, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-5, 1e-3, 1e3])
+def test_belts_that_move_alike_fast_or_slowly(scale: float) -> None:
+    """The scene of the test above with its time stretched: ``s sin`` and ``2 s sin cos`` differ by roundoff."""
+    scene = Scene(
+        Body("first", inertia=1.0 / scale),
+        Body("second", inertia=2.0 / scale),
+        Drive("left", velocity=signal(lambda t: math.sin(2 * scale * t))),
+        Drive("right", velocity=signal(lambda t: 2 * math.sin(scale * t) * math.cos(scale * t))),
+        Contact("outer", "left", "first", LAW, normal=9.0),
+        Contact("middle", "first", "second", LAW, normal=4.0),
+        Contact("inner", "right", "second", LAW, normal=9.0),
+        Force("first", piecewise_linear([0, 2 / scale], [0, 20])),
+    )
+    result = simulate(scene, (0.0, 1.3 / scale))
+    expected = scipy.optimize.brentq(lambda t: 10 * t - 13 - 2 * math.cos(2 * t), 1.0, 1.3, xtol=1e-14)
+    assert [event.contact for event in result.events] == ["outer", "middle"]
+    np.testing.assert_allclose([event.t * scale for event in result.events], expected, rtol=0, atol=1e-7)
+
+
+def test_a_belt_that_stops_and_goes_has_a_roundoff() -> None:
+    """Two humps, and rest before and after them: the box slides on the floor while the belt moves."""
+    humps = signal(lambda t: 1 - math.cos(2 * (t - 10)) if 10 <= t <= 10 + 2 * math.pi else 0.0)
+    scene = Scene(
+        Body("box", inertia=0.6),
+        Drive("belt", velocity=humps),
+        Contact("pad", "belt", "box", LAW, normal=1.0),
+        Contact("floor", "box", GROUND, LAW, normal=0.3),
+    )
+    assert humps.within(0.0, 31.0).roundoff > 0
+    result = simulate(scene, (0.0, 31.0), t_eval=[10.2, 12.5, 16.0])
+    assert result.stats["restarts"] <= 20
+    np.testing.assert_allclose(result.velocity("box"), [humps(t) for t in result.t], rtol=0, atol=1e-9)

@@ -157,7 +157,7 @@ class GuardsAtStart(GuardValues):
         """Return bounds below which orders 1 and 2 of a velocity that is 0 are roundoff, and a flatness of 0."""
         motion, majorant = self.motion, self.majorant
         rough = [ROUNDOFF * float(majorant[k, i]) + float(self._roughness[k, i]) for k in (1, 2)]
-        if speed := float(self._roughness[0, i]):
+        if (speed := float(self._roughness[0, i])) and self._is_torn_if_held(int(self.row[i])):
             # where a velocity touches 0, its slope may turn before it has changed the velocity by its roundoff
             rough[0] += 2 * math.sqrt(speed * abs(float(self.start[2, i])))
         if motion.equations.modes[self.row[i]] == OPEN:
@@ -171,6 +171,12 @@ class GuardsAtStart(GuardValues):
         # small: otherwise neither mode is allowed.
         first = max(AT_LIMIT * (min(majorant_1, given) or majorant_1), found_at) + rough[0]
         return [first, AT_LIMIT * float(near[2, i]) + rough[1]], 0.0
+
+    def _is_torn_if_held(self, row: int) -> bool:
+        """Tell whether drives would tear rows if a row were held, too: then no level decides whether it is."""
+        held = self.motion.equations.is_held.copy()
+        held[row] = True
+        return self.motion.system.balance(held).parting is not None
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
         """Return bounds below which orders 1 and 2 of a guard at its level are roundoff, and its flatness.
