@@ -85,15 +85,20 @@ def accelerations_of_drives(motion: Motion) -> list[Array]:
         np.where(np.abs(rate) > np.maximum(roundoff, least), rate, 0.0)
         for rate, least in zip(map(system.drive_accelerations, motion.start.q), by_order, strict=True)
     ]
+    if of_functions.any():
+        # drives that begin so slowly that their derivatives are roundoff have moved all the same, however little
+        step = min(SLOPES_STEP, motion.horizon * _SOON[-1])
+        soon = segment.sampled(motion.t + np.append([0.0, step], _SOON * motion.horizon))
+        velocities, accelerations = system.drive_velocities(soon), system.drive_accelerations(soon)
+        # a slope that its difference does not resolve is none
+        change = accelerations[:, 1] - rates[0]
+        is_none = (of_functions > 0) & (np.abs(change - step * rates[1]) > 0.5 * np.abs(change))
+        rates[1] = np.where(is_none, 0.0, rates[1])
+        slow = (velocities[:, 2] != velocities[:, 0])[:, None] & (np.abs(accelerations) > of_functions[:, None])
+        rates.extend(np.where(slow, accelerations, 0.0).T[3:])
     # where a velocity touches 0, an acceleration turns before it has changed the velocity by its roundoff
     first, second = rates[:2]
     rates[0] = np.where((first * second < 0) & (first**2 <= 2 * np.abs(second) * speeds), 0.0, first)
-    if of_functions.any():
-        # drives that begin so slowly that their derivatives are roundoff have moved all the same, however little
-        soon = segment.sampled(motion.t + np.append(0.0, _SOON * motion.horizon))
-        velocities, accelerations = system.drive_velocities(soon), system.drive_accelerations(soon)
-        slow = (velocities[:, 1] != velocities[:, 0])[:, None] & (np.abs(accelerations) > of_functions[:, None])
-        rates.extend(np.where(slow, accelerations, 0.0).T[2:])
     return rates
 
 

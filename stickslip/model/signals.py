@@ -30,7 +30,7 @@ _PARTS = tuple(math.fmod(0.6180339887 * k, 1.0) for k in range(1, 21))  # of a t
 _JUMP = 1e-3  # a change over next to no time is a jump beyond this part of the largest value
 _QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
 _SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
-_FARTHER = 100.0  # by this factor points are farther apart for a slope of slopes
+_FARTHER = 10.0  # by this factor points are farther apart for a slope of slopes
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
 # The method of a load that answers where a number or an array of NumPy stands on the left.

@@ -27,7 +27,7 @@ _HARDLY = 1e-3  # part of the least normal force that a solver feels below which
 _UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
 
-SLOPES_STEP = 1e-4  # the uncertainty of a function over this step in s is that of its slope, as of slopes of slopes
+SLOPES_STEP = 1e-5  # the uncertainty of a function over this step in s is that of its slope, as of slopes of slopes
 
 # The uncertainty of second and higher Taylor coefficients, as a part of their majorants, in motions that are not
 # linear: there these coefficients are differences.
