@@ -13,10 +13,10 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import dense
-from stickslip.equations.guards.at_start import SLOPES_STEP
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask
+from stickslip.model.slopes import SLOPES_STEP
 
 _ROUNDOFF = 1e-14  # part of the terms of an acceleration below which it is 0
 _SOME = 1e-9  # part of the majorant, or of the largest, below which a force or a rate is roundoff

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards.at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, SLOPES_STEP, with_time
+from stickslip.equations.guards.at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
+from stickslip.model.slopes import SLOPES_STEP
 
 # A relative acceleration this small, as a part of what the single forces would cause, is none.
 _CALM, _CALM_IF_EXACT = 1e-7, 1e-11

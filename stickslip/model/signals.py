@@ -21,7 +21,7 @@ import numpy as np
 from stickslip.model.arrays import Array
 from stickslip.model.checks import as_number, every_digit, finite, name_of
 from stickslip.model.crossings import positive_pieces
-from stickslip.model.slopes import slope_by_differences
+from stickslip.model.slopes import FARTHER, STEP, slope_by_differences
 
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6  # looking for zeros in this many periods takes half a minute
@@ -30,7 +30,6 @@ _PARTS = tuple(math.fmod(0.6180339887 * k, 1.0) for k in range(1, 21))  # of a t
 _JUMP = 1e-3  # a change over next to no time is a jump beyond this part of the largest value
 _QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
 _SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
-_FARTHER = 10.0  # by this factor points are farther apart for a slope of slopes
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
 # The method of a load that answers where a number or an array of NumPy stands on the left.
@@ -409,7 +408,10 @@ class Function(Signal):
 
     @cached_property
     def roundoff(self) -> float:
-        """How uncertain the values are: by how much they change at least at some times, 0 without a time span."""
+        """How uncertain the values are, 0 without a time span.
+
+        At some times it is measured by how much they change at least; the largest of these changes counts.
+        """
         (low, high), found, largest = self.limits, 0.0, 0.0
         for part in _PARTS if math.isfinite(high - low) else ():
             t = low + part * (high - low)
@@ -425,9 +427,9 @@ class Function(Signal):
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""
         # the function feels the roundoff of its time
-        h = 3e-6 * self.shortest_period if self.shortest_period else max(1e-6, 1e-9 * abs(t))
+        h = 3e-6 * self.shortest_period if self.shortest_period else max(STEP, 1e-9 * abs(t))
         if self.is_slope:
-            h *= _FARTHER
+            h *= FARTHER
         times = self.break_times
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)

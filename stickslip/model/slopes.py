@@ -9,6 +9,10 @@ from collections.abc import Callable, Sequence
 # over a longer step but for the second part, or if the bend changes the value by less than the third part.
 _BENDS, _SAME, _ROUNDOFF = 3e-5, 1e-6, 1e-8
 
+STEP = 1e-6  # in s, over which a function of time without a period is differenced
+FARTHER = 10.0  # by this factor points are farther apart for a slope of slopes: these are differences themselves
+SLOPES_STEP = 1e-5  # both together: the uncertainty of a slope over this step is that of the slope of slopes
+
 _SHORTER, _TRIES = 32.0, 8  # by how much a step that is too long is shortened, and how often at most
 
 
@@ -20,8 +24,8 @@ def slopes_by_differences(
     ``f' = (s1 d2 - s2 d1) / (d2 - d1)`` with the slopes ``s = (f(x + d) - f(x)) / d`` to two points. Their distances
     `first` and `second` differ in size: to mirrored points the slopes of an odd function are the same. On which scale
     the function bends is not known. So where the slopes differ, both points are taken nearer. If that ends in
-    roundoff, the slope counts that changes least from step to step. If the `roundoff` of the values is known, no point
-    is taken so near that nothing else changes the slope.
+    roundoff, the slope counts that changes least from step to step. If the `roundoff` of the values is known, the
+    points are not taken so near that it decides. Where the values at all three points are equal, the slope is 0.
     """
     values = function(x)
     slopes, rough = [0.0] * len(values), list(range(len(values)))
@@ -40,6 +44,7 @@ def slopes_by_differences(
             slope, apart = (s1 * d2 - s2 * d1) / (d2 - d1), abs(s1 - s2)
             change = abs(slope - slopes[k]) if number else math.inf
             if change * min(abs(d1), abs(d2)) <= roundoff:
+                # the slope over the longer step is the better one, and stays
                 continue
             slopes[k] = slope
             if change <= least[k]:

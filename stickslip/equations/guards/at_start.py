@@ -11,6 +11,7 @@ from stickslip.equations.guards.values import GuardValues
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
+from stickslip.model.slopes import SLOPES_STEP
 
 # The uncertainty of a quantity, as a part of its majorant: the sum of the sizes of its terms.
 ROUNDOFF = 1e-12
@@ -26,8 +27,6 @@ _AT_ONCE = 1e-9  # a normal force that passes 0 within this part of a motion doe
 _HARDLY = 1e-3  # part of the least normal force that a solver feels below which a contact is hardly pressed
 _UNFELT = 1e-6  # part of the least force that a solver feels within which a force counts as 0
 TIME = 1e-15  # the uncertainty of the time, as a part of it
-
-SLOPES_STEP = 1e-5  # the uncertainty of a function over this step in s is that of its slope, as of slopes of slopes
 
 # The uncertainty of second and higher Taylor coefficients, as a part of their majorants, in motions that are not
 # linear: there these coefficients are differences.

@@ -196,8 +196,7 @@ class Variation(Nearby):
         """
 
         def after(near: System, loads: Loads) -> Array:
-            u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
-            return near.balance(held).project(impact.near(near, u, now), now)
+            return near.balance(held).project(*self._near_jump(near, loads, impact, before, t))
 
         near_ones = self.near_ones[k]
         values = [after(near, loads) for _, near, loads in near_ones]
@@ -216,11 +215,16 @@ class Variation(Nearby):
         Held rows may move by them. The rest is as in `_of_scene`.
         """
 
-        def relative(near: System, loads: Loads) -> Array:
-            u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
-            return near.relative(impact.near(near, u, now), now)
+        near_ones = self.near_ones[k]
+        parts = [w * near.relative(*self._near_jump(near, loads, impact, before, t)) for w, near, loads in near_ones]
+        return total(parts)
 
-        return total([weight * relative(near, loads) for weight, near, loads in self.near_ones[k]])
+    def _near_jump(
+        self, near: System, loads: Loads, impact: VariedImpact, before: float, t: float
+    ) -> tuple[Array, Array]:
+        """Return the velocities of bodies and drives after a jump in a scene near by, before rows hold again."""
+        u, now = (near.drive_velocities(self.segment_after(start, loads).at(t)) for start in (before, t))
+        return impact.near(near, u, now), now
 
     def _breaks_at(self, t: float) -> Array:
         """Return the changes of the times of all breaks of loads at time `t`, (breaks, directions)."""
