@@ -140,7 +140,7 @@ class ModeEquations:
         """
         if self.balance.parting is None:
             return self
-        rates, rough = (self.system.drive_accelerations(part) for part in (segment.factors.T, segment.roughness))
+        rates, rough = self.system.accelerations_of_drives(segment)
         return self if self.balance.torn(rates, rough).any() else self.together
 
     @cached_property

@@ -19,7 +19,7 @@ import scipy
 from stickslip.equations.algebra.matrices import Triplets
 from stickslip.equations.balance import Balance, Components
 from stickslip.equations.loads.dependence import Dependence, Forms, Friction
-from stickslip.equations.loads.loads import Loads
+from stickslip.equations.loads.loads import Loads, Segment
 from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
 from stickslip.equations.loads.sums import made_of_others
 from stickslip.equations.piecewise import PiecewiseMatrices
@@ -549,6 +549,10 @@ class System:
     def drive_accelerations(self, q: Array) -> Array:
         """Return the accelerations of the drives from the inputs."""
         return q[self.first_acceleration : self.inputs - 1]
+
+    def accelerations_of_drives(self, segment: Segment) -> tuple[Array, Array]:
+        """Return the patterns of the accelerations of drives in a segment, a column each, and their roughness."""
+        return self.drive_accelerations(segment.patterns.T), self.drive_accelerations(segment.roughness)
 
     def relative_velocity(self, y: Array, q: Array) -> Array:
         """Return ``w`` of every row from states and inputs."""

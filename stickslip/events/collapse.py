@@ -32,7 +32,7 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
     """
     system, balance = motion.system, motion.equations.balance
     held = motion.equations.held
-    found = _torn(motion)
+    found = _first_tear(motion)
     if found is None or balance.parting is None:
         return []
     torn, rate = found
@@ -60,7 +60,7 @@ def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
 
 def torn_apart(motion: Motion) -> Indices:
     """Return the held rows that drives tear."""
-    held, found = motion.equations.held, _torn(motion)
+    held, found = motion.equations.held, _first_tear(motion)
     return held[:0] if found is None else np.asarray(held[found[0]])
 
 
@@ -70,14 +70,15 @@ def pressed_together(motion: Motion) -> Indices:
     return rows[:0] if motion.system.is_friction[rows].any() else rows
 
 
-def accelerations_of_drives(motion: Motion) -> list[Array]:
-    """Return the Taylor coefficients of the accelerations of the drives, without those that are roundoff.
+def beginnings_of_drives(motion: Motion) -> list[tuple[Array, Array]]:
+    """Return by what drives begin to move, and how uncertain each of these is. What decides first comes first.
 
-    The accelerations shortly after the start follow, of drives led by functions that begin to move there.
+    The Taylor coefficients of their accelerations at the start, without those that are roundoff, precede the
+    accelerations shortly after it of drives led by functions that begin to move there.
     """
     system, segment = motion.system, motion.segment
-    speeds, rough = (part(segment.roughness) for part in (system.drive_velocities, system.drive_accelerations))
-    roundoff = _ROUNDOFF * np.abs(system.drive_accelerations(segment.factors.T)).max(axis=1)
+    patterns, rough = system.accelerations_of_drives(segment)
+    roundoff = _ROUNDOFF * np.abs(patterns).max(axis=1)
     of_functions = np.where(rough > roundoff, rough, 0.0)
     # slopes of slopes are rough, and their differences are nothing else
     by_order = of_functions, of_functions / SLOPES_STEP, np.where(of_functions > 0, np.inf, 0.0)
@@ -97,19 +98,18 @@ def accelerations_of_drives(motion: Motion) -> list[Array]:
         slow = (velocities[:, 2] != velocities[:, 0])[:, None] & (np.abs(accelerations) > of_functions[:, None])
         rates.extend(np.where(slow, accelerations, 0.0).T[3:])
     # where a velocity touches 0, an acceleration turns before it has changed the velocity by its roundoff
-    first, second = rates[:2]
+    (first, second), speeds = rates[:2], system.drive_velocities(segment.roughness)
     rates[0] = np.where((first * second < 0) & (first**2 <= 2 * np.abs(second) * speeds), 0.0, first)
-    return rates
+    return [(rate, rough / SLOPES_STEP if order == 1 else rough) for order, rate in enumerate(rates)]
 
 
-def _torn(motion: Motion) -> tuple[Mask, Array] | None:
-    """Tell which held rows are torn by drives that move apart, and return the lowest derivative by which these do."""
+def _first_tear(motion: Motion) -> tuple[Mask, Array] | None:
+    """Tell which held rows are torn first by drives that move apart, and return by what these begin to do so."""
     balance = motion.equations.balance
     if balance.parting is None:
         return None
-    rough = motion.system.drive_accelerations(motion.segment.roughness)
-    for order, rate in enumerate(accelerations_of_drives(motion)):
-        torn = balance.torn(rate, rough / SLOPES_STEP if order == 1 else rough)
+    for rate, rough in beginnings_of_drives(motion):
+        torn = balance.torn(rate, rough)
         if torn.any():
             return torn, rate
     return None

@@ -19,7 +19,7 @@ from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.balance import Balance
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
-from stickslip.events.collapse import accelerations_of_drives
+from stickslip.events.collapse import beginnings_of_drives
 from stickslip.events.impact import Jammed
 from stickslip.events.sharing import soon
 from stickslip.model.arrays import Array, Indices, Mask
@@ -73,7 +73,7 @@ def _led(motion: Motion, rows: Indices, others: Balance, unit: float) -> Array:
     begin without acceleration count with a slight one: they only decide what the loads leave open.
     """
     system, equations, none = motion.system, motion.equations, np.zeros(motion.system.n)
-    for order, rate in enumerate(accelerations_of_drives(motion)):
+    for order, (rate, _) in enumerate(beginnings_of_drives(motion)):
         if not rate.any():
             continue
         forces = equations.balance.held_forces(none, equations.balance.accelerations(none, rate))

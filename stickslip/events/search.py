@@ -302,7 +302,7 @@ class Search:
                 spared = mine.nonzero()[0]
                 others = equations_in(following, system, self._regions)
                 locks = others.locked(rows[spared], ignore_drives=True)
-                spared = spared[locks & ~_torn(system, self._segment, others.balance, rows[spared])]
+                spared = spared[locks & ~_part_ends(system, self._segment, others.balance, rows[spared])]
                 following[rows[spared]] = _carrying(side[spared])
                 rows_of_part = self._rows_of[part]
                 if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
@@ -347,7 +347,7 @@ class Search:
         others = system.balance(rest)
         count = [np.bincount(self._part_of_body[b.dependent], minlength=len(self._rows_of)) for b in (balance, others)]
         part = self._part_of_row[rows]
-        torn = part[_torn(system, self._segment, others, rows)]
+        torn = part[_part_ends(system, self._segment, others, rows)]
         return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
@@ -407,7 +407,7 @@ class Search:
             if following is None:
                 equations = again[0].equations
                 # drives may move later what carries its level: without a level its velocity is watched
-                torn = _torn(self._system, self._segment, equations.balance, equations.at_level)
+                torn = _part_ends(self._system, self._segment, equations.balance, equations.at_level)
                 return (motion, guards) if torn.any() else again
             moves = _moves(trial, following)
             for part in self._changed(trial, following):
@@ -451,15 +451,15 @@ def moving_at_level(motion: Motion) -> Indices:
     # what only drives can move they move if they ever part: the derivatives of functions are rough
     if moves.any():
         led = equations.locked(top, ignore_drives=True)
-        moves[led] &= _torn(system, motion.segment, equations.balance, top[led])
+        moves[led] &= _part_ends(system, motion.segment, equations.balance, top[led])
     return np.asarray(top[moves])
 
 
-def _torn(system: System, segment: Segment, others: Balance, rows: Indices) -> Mask:
+def _part_ends(system: System, segment: Segment, others: Balance, rows: Indices) -> Mask:
     """Tell for some rows whether drives that move apart in a segment part their ends if only the `others` hold."""
     if not system.drives:
         return np.zeros(rows.size, dtype=bool)
-    rates, rough = (system.drive_accelerations(part) for part in (segment.factors.T, segment.roughness))
+    rates, rough = system.accelerations_of_drives(segment)
     parted = np.abs(system.relative(others.U @ rates, rates)[rows])
     uncertain = (system.abs_G @ (abs(others.U) @ rough) + system.abs_D @ rough)[rows, None]
     return np.asarray((parted > _ALONG * np.abs(rates).max(axis=0) + uncertain).any(axis=1))

@@ -231,10 +231,10 @@ class Segment:
         return len(self.sine_turns[0]) + len(self._functions)
 
     @cached_property
-    def factors(self) -> Array:
-        """The inputs are sums of functions of time: their factors, a row for each.
+    def patterns(self) -> Array:
+        """Vectors, a row each, of which the inputs are sums at all times, with factors that depend on time.
 
-        Where some functions are the user's, these are samples of the inputs instead.
+        Where some inputs are the user's functions, they are samples.
         """
         if self.has_functions:
             # at uneven times: functions with a period are not met at the same phase each time
