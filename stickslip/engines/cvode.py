@@ -29,6 +29,9 @@ _EVENTS_PER_SOLVER = 20
 # existing solver is used again.
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
 
+# A step of this part of a motion should not end in the noise of accelerations that are differences.
+_STEP = 1e-2
+
 _Options = tuple[int, float, float]  # how often tolerances have changed, longest and first step in s
 
 
@@ -89,10 +92,19 @@ class Cvode:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         if self._series is not None and motion.is_linear and not guards.is_velocity.any():
             return self._series.advance(motion, guards, horizon)
-        self._now.motion = selected = Selected(motion, self._order, self._task.merged)
+        merged = self._task.merged or self._is_led_roughly(motion, horizon)
+        self._now.motion = selected = Selected(motion, self._order, merged)
         self._now.rate = selected.writes_rates()
         self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._look_ahead, self._tolerances)
         return follow(motion, guards, horizon, self._solve, self._task.interruption, self._look_ahead)
+
+    def _is_led_roughly(self, motion: Motion, horizon: float) -> bool:
+        """Tell whether drives lead bodies with accelerations that are too rough to be integrated."""
+        equations, system = motion.equations, motion.system
+        if not equations.is_driven or motion.segment.is_straight:
+            return False
+        rough = abs(equations.balance.U) @ system.drive_accelerations(motion.segment.roughness)
+        return bool((rough * _STEP * horizon > self._tolerances.now[1][: system.n]).any())
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work
@@ -163,20 +175,23 @@ class Cvode:
 
 
 class Selected:
-    """The states of a motion as CVODE sees them: all, or reordered, or without the dependent velocities."""
+    """The states of a motion as CVODE sees them: all, or reordered, or without the dependent velocities.
+
+    CVODE refuses an empty state. Where all states are dependent velocities, it integrates these once more, so that its
+    steps follow how they change.
+    """
 
     def __init__(self, motion: Motion, order: Indices | None, merged: bool) -> None:
         self.motion = motion
         size = motion.y.size
         self._order = np.arange(size) if order is None else order
         self._is_all = order is None and not merged
-        self._is_part = False
+        self._is_part = self._is_led = False
         if merged:
             stays = np.ones(size, dtype=bool)
             stays[motion.equations.dependent] = False
-            # CVODE refuses an empty state
-            stays[0] |= not stays.any()
-            self._order = self._order[stays[self._order]]
+            self._is_led = not stays.any()
+            self._order = self._order[stays[self._order] | self._is_led]
             self._is_part = True
         self.start = self.pick(motion.y)
 
@@ -206,11 +221,13 @@ class Selected:
         return in_floats or self._in_arrays
 
     def _in_arrays(self, tau: float, y: Array, out: Array) -> None:
-        out[:] = self.pick(self.motion.rate(tau, self.expand(tau, y)))
+        whole = self.expand(tau, y)
+        out[:] = self.pick(whole if self._is_led else self.motion.rate(tau, whole))
 
     def jacobian(self, tau: float, whole: Array) -> Any:
         """Return the Jacobian in a whole state."""
-        return self.pick_both(self.motion.jacobian(tau, whole))
+        found = self.pick_both(self.motion.jacobian(tau, whole))
+        return 0.0 * found if self._is_led else found
 
     def pick_both(self, matrix: Any) -> Any:
         """Return the rows and columns of the states that are integrated."""

@@ -29,6 +29,7 @@ _HIGHEST_FREQUENCY = 1e100  # largest frequency in 1/s whose powers and products
 _PARTS = tuple(math.fmod(0.6180339887 * k, 1.0) for k in range(1, 21))  # of a time span, where functions are looked at
 _JUMP = 1e-3  # a change over next to no time is a jump beyond this part of the largest value
 _QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
+_ROUGH = 1e-14  # part of the largest value beyond which roundoff asks for longer differences
 _SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
@@ -406,12 +407,17 @@ class Function(Signal):
         d = max(-half, min(t - limit, half))
         return 3 * self.at(limit) - 3 * self.at(limit - d) + self.at(limit - 2 * d)
 
-    @cached_property
+    @property
     def roundoff(self) -> float:
         """How uncertain the values are, 0 without a time span.
 
         At some times it is measured by how much they change at least; the largest of these changes counts.
         """
+        return self._measured[0]
+
+    @cached_property
+    def _measured(self) -> tuple[float, float]:
+        """The roundoff of the values, and the largest value that was met."""
         (low, high), found, largest = self.limits, 0.0, 0.0
         for part in _PARTS if math.isfinite(high - low) else ():
             t = low + part * (high - low)
@@ -422,14 +428,21 @@ class Function(Signal):
                     step *= 8
                 found, largest = max(found, change), max(largest, abs(value))
         # where a function jumps from one instant to the next, that is no roundoff
-        return _QUANTA * found if found <= _JUMP * largest else 0.0
+        return (_QUANTA * found, largest) if found <= _JUMP * largest else (0.0, largest)
+
+    @cached_property
+    def _farther(self) -> float:
+        """How much longer than others the differences of a function are that is more rough: single precision, say."""
+        if self.is_slope:
+            return FARTHER
+        roundoff, largest = self._measured
+        return max(1.0, (roundoff / (_ROUGH * largest)) ** (1 / 3)) if largest else 1.0
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""
         # the function feels the roundoff of its time
         h = 3e-6 * self.shortest_period if self.shortest_period else max(STEP, 1e-9 * abs(t))
-        if self.is_slope:
-            h *= FARTHER
+        h *= self._farther
         times = self.break_times
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
