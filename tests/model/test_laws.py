@@ -104,6 +104,22 @@ def test_any_other_kinetic_curve() -> None:
     assert law.mu_k_slope(0.0, 1) == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize("shape", [(), (1,)], ids=["of no dimension", "of one number"])
+def test_a_kinetic_curve_that_returns_arrays(shape: tuple[int, ...]) -> None:
+    """As interpolators of scipy do."""
+    law = DryFriction(0.2, 0.1, kinetic=lambda v: np.full(shape, lubricated(v)))
+    assert law.mu_k(2.0, 1) == DryFriction(0.2, 0.1, kinetic=lubricated).mu_k(2.0, 1)
+    assert law.least(1) == 0.1
+
+
+def test_a_kinetic_curve_that_returns_two_numbers_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"kinetic\(0\) must be a number"):
+        DryFriction(0.2, 0.1, kinetic=lambda v: np.array([0.1, 0.1]))
+    law = DryFriction(0.2, 0.1, kinetic=lambda v: 0.1 if v < 1 else np.array([0.1, 0.1]))
+    with pytest.raises(ValueError, match=r"kinetic\(2\) = array\(\[0.1, 0.1\]\); return a finite number"):
+        law.mu_k(2.0, 1)
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -0.1])
 def test_a_kinetic_curve_that_gives_nonsense_while_it_runs(value: float) -> None:
     law = DryFriction(0.2, 0.1, kinetic=lambda v: 0.1 if v < 1 else value)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.model.checks import NamedArguments, check_entries, finite
+from stickslip.model.checks import NamedArguments, as_number, check_entries, finite
 from stickslip.model.laws.base import Character, Kernel, Use
 from stickslip.model.laws.kinetic import Kinetic
 
@@ -175,6 +175,8 @@ class DryFriction(Law):
             at_rest = self.kinetic(0.0)
         except Exception as error:
             raise ValueError(f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest") from error
+        if isinstance(at_rest, np.ndarray) and at_rest.size == 1:
+            at_rest = as_number(at_rest)  # interpolators of scipy return arrays of one number
         at_rest = finite(at_rest, "DryFriction: kinetic(0)")
         # one curve for both directions: at rest it may exceed neither static coefficient
         side, suffix = (1, "") if self.mu_s(1) <= self.mu_s(-1) else (-1, "_backward")
@@ -227,11 +229,12 @@ class DryFriction(Law):
         """Return the value of `kinetic`; a `CurveError` says where it is no valid coefficient."""
         assert self.kinetic is not None
         try:
-            mu = float(self.kinetic(speed))
+            value = self.kinetic(speed)
         except Exception as error:
             raise CurveError(self, f"kinetic({speed:g}) raised {error!r}; return a number") from error
+        mu = value if type(value) is float else as_number(value)
         if not 0 <= mu < math.inf:
-            raise CurveError(self, f"kinetic({speed:g}) = {mu:g}; return a finite number, at least 0")
+            raise CurveError(self, f"kinetic({speed:g}) = {value!r}; return a finite number, at least 0")
         return mu
 
     def self_energised(self, gain: float) -> DryFriction:
