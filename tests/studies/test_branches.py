@@ -532,6 +532,27 @@ def test_a_cycle_of_two_periods_ends_where_both_halves_become_equal() -> None:
     assert [cycle is None for cycle in branch.cycles] == [False, False, True, True]
 
 
+@pytest.mark.parametrize("amplitudes", [[1.0, 0.7, 0.3], [1.0, 0.8, 0.6, 0.4]], ids=str)
+def test_an_oscillator_that_a_weak_load_does_not_move(amplitudes: list[float]) -> None:
+    """At rest the load has to pass the level, 0.5 N: below it there is no cycle (den Hartog's oscillator).
+
+    There a step of the branch may end with a contact that is stuck throughout, whose cycle has fewer coordinates.
+    """
+    frequency = 0.8 / (2 * math.pi)
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.5, 0.5), normal=1.0),
+        Force("m", sine(amplitudes[0], frequency)),
+    )
+    branch = continue_cycle(scene, "forces[0].signal.amplitude", amplitudes, period=1 / frequency)
+    assert [cycle is None for cycle in branch.cycles] == [False] * (len(amplitudes) - 1) + [True]
+    changes, end = branch.points
+    assert (changes.kind, end.kind) == ("sequence", "end")
+    assert end.value == pytest.approx(0.5, abs=5e-3) and end.value > 0.5
+    assert "shrink to a state of rest" in end.message
+
+
 @pytest.mark.slow
 def test_beyond_a_fold_a_long_step_does_not_jump_to_turns_of_another_cycle() -> None:
     """Between 3 and 2 rad/s of a drill string: small steps end the branch beyond the fold at 2.24711 rad/s, too."""

@@ -74,9 +74,7 @@ class Arc:
                 break
             if shot.error <= _SURE * shot.tolerance:
                 break
-            matrix, missed, _ = self._linear(shot, value)
-            if matrix.shape[1] != place.tangent.size:
-                raise CycleError("contacts stick or slip at the start of the cycle that did not before")
+            matrix, missed, _ = self._linear_near(place, shot, value)
             bordered = np.vstack([matrix, place.tangent])
             change = np.linalg.solve(bordered, np.append(-missed, 0.0))
             if np.abs(change).max() > _FAR * abs(length):
@@ -85,7 +83,7 @@ class Arc:
         if min(errors) > shot.tolerance:
             raise CycleError("no cycle was found along the branch")
         shot, value = best
-        _, _, tangent = self._linear(shot, value)
+        _, _, tangent = self._linear_near(place, shot, value)
         along = float(tangent @ place.tangent)
         if abs(along) < _TURNED:
             raise CycleError("the branch bends too much for one step")
@@ -101,6 +99,13 @@ class Arc:
             raise CycleError("the parameter does not turn there")
         found = scipy.optimize.brentq(pace, 0.0, length, xtol=_AT_FOLD * abs(length))
         return self.step(before, float(found))
+
+    def _linear_near(self, place: Place, shot: Shot, value: float) -> tuple[Array, Array, Array]:
+        """Return what `_linear` does, of a shot that begins as the cycle of a place does."""
+        found = self._linear(shot, value)
+        if found[-1].size != place.tangent.size:
+            raise CycleError("contacts stick or slip at the start of the cycle that did not before")
+        return found
 
     def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array]:
         """Return derivatives of `missed` by start, period and parameter, `missed`, and the tangent, all over scales."""

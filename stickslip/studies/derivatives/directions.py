@@ -55,6 +55,8 @@ class Direction:
     size: float = 1.0  # of the number that changes: a derivative times it is about as large as the quantity itself
     # (n + drives,): how the positions of bodies and drives change at the start; empty where only states change
     positions: Array = field(default_factory=lambda: np.zeros(0))
+    # whether the scene exists to both sides, but to one of them with other states or contacts: both sides may differ
+    has_two_sides: bool = False
 
 
 def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
@@ -102,7 +104,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     for weight, moving in placed:
         positions += weight * np.array([one.position for one in moving])
     near_ones = () if parameter.only_at_start else tuple(near)
-    return Direction(parameter.name, near_ones, y, since, size, positions)
+    return Direction(parameter.name, near_ones, y, since, size, positions, has_two_sides=differs)
 
 
 def _part(system: System) -> float:

@@ -170,7 +170,11 @@ class Variation(Nearby):
         hit = sides * system.relative_velocity(y, q) > 0
         nothing = np.zeros(system.m, dtype=bool)
         impact = VariedImpact(system, bool(hit.any()), y[:n], u, u, none, sides, hit, closed=nothing)
-        for k in range(self.count):
+        for k, direction in enumerate(self.directions):
+            if direction.has_two_sides:
+                why = "a contact carries no force, and near by it does, or there are other states, but to one side only"
+                self._refuse(t, [(k, why)], S)
+                continue
             if k in self.lost_breaks:
                 why = (
                     "a break of a load comes to the start or the end, two of its points fall together, or it begins to "
