@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from stickslip.model.arrays import Array
 from stickslip.model.checks import names as checked_names
 from stickslip.results.readable import Readable, check_result
+from stickslip.results.trajectory import NOTHING_KEPT
 
 TIME = "time [s]"
 FINE = 1500  # about how many evenly spaced points curves have besides those fit for a plot
@@ -105,7 +106,7 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
         check_result(result, draw.__name__)
         runs = result.runs  # type: ignore[attr-defined]
         if not any(run.success or run.trajectory.pieces for run in runs):
-            raise ValueError(f"{draw.__name__}: nothing was computed that could be drawn: the run failed at its start")
+            raise ValueError(f"{draw.__name__}: {NOTHING_KEPT}")
         return draw(*args, **given)
 
     return checked

@@ -17,7 +17,7 @@ from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Trajectory
+from stickslip.results.trajectory import NOTHING_KEPT, Trajectory
 
 
 def final_scene(trajectory: Trajectory) -> Scene:
@@ -27,7 +27,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
     end. Loads stay as they are: they are functions of the same time.
     """
     if not trajectory.pieces:
-        raise ValueError("final_scene: nothing was computed, so there is no end to go on from")
+        raise ValueError(f"final_scene: {NOTHING_KEPT}")
     if not trajectory.is_dense:
         raise ValueError("final_scene: the points between the outputs were not kept; simulate with dense_output=True")
     system, number = trajectory.system, np.array([trajectory.starts.size - 1])

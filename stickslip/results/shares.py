@@ -9,6 +9,7 @@ from stickslip.model.modes import Mode
 from stickslip.results.in_a_row import of_each
 from stickslip.results.readable import Readable
 from stickslip.results.samples import Samples
+from stickslip.results.trajectory import NOTHING_KEPT
 
 _OF_CONTACTS = (Mode.BACKWARD, Mode.STUCK, Mode.FORWARD)
 _OF_GAPS = (Mode.BACKWARD, Mode.OPEN, Mode.FORWARD)
@@ -20,6 +21,8 @@ _PARTS = 32
 def share(result: Readable, contact: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a contact spends in each mode; together they are 1.
 
+    Of a run that has ended at its first instant it is 1 for the mode there.
+
     Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
     each step. Of runs in a row, only the time of those that have the contact is counted.
 
@@ -28,22 +31,34 @@ def share(result: Readable, contact: str) -> dict[Mode, float]:
     ValueError
         If there is no such contact, or the motion between the outputs was not kept.
     """
-    times: dict[Mode, float] = {}
+    times, at_once = dict[Mode, float](), dict[Mode, float]()
     for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(contact)), strict=True):
         if known is not None:
             for mode, time in _times(run.samples, contact).items():
                 times[mode] = times.get(mode, 0.0) + time
+            at_once = at_once or _at_start(run.samples, contact)
     total = sum(times.values())
-    return {mode: time / total for mode, time in times.items()}
+    return {mode: time / total for mode, time in times.items()} if total else at_once
+
+
+def _at_start(samples: Samples, row: str) -> dict[Mode, float]:
+    """Return 1 for the mode of a row at the start, 0 for the others."""
+    trajectory = samples.trajectory
+    mode = Samples.at_times(trajectory, trajectory.starts[:1]).mode(row)[0]
+    return {one: float(one == mode) for one in _modes(samples, row)}
+
+
+def _modes(samples: Samples, row: str) -> tuple[Mode, ...]:
+    """Return the modes that a row may be in."""
+    return _OF_GAPS if samples.system.rows[samples.row(row)].kind in ("gap", "stop") else _OF_CONTACTS
 
 
 def _times(samples: Samples, row: str) -> dict[Mode, float]:
     """Return how long a row is in each mode."""
     trajectory, j = samples.trajectory, samples.row(row)
-    gaps = samples.system.rows[j].kind in ("gap", "stop")
-    times = dict.fromkeys(_OF_GAPS if gaps else _OF_CONTACTS, 0.0)
+    times = dict.fromkeys(_modes(samples, row), 0.0)
     if not trajectory.pieces:
-        raise ValueError(f"share of {row!r}: nothing was computed, the run failed at its start")
+        raise ValueError(f"share of {row!r}: {NOTHING_KEPT}")
     if not trajectory.is_dense:
         raise ValueError(
             f"share of {row!r}: the motion between the outputs was not kept; simulate with dense_output=True"

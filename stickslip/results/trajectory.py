@@ -21,6 +21,8 @@ from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.pieces import Piece, Pieces, WholePieces
 
+NOTHING_KEPT = "nothing was kept: the run failed at its start, or came to none of the times asked for"
+
 T = TypeVar("T", bound=np.generic)
 
 _MODES_AT_ONCE = 2_000_000
@@ -111,7 +113,7 @@ class Trajectory(PickledByFields):
         if not times.size:
             return np.empty(0, dtype=np.intp)
         if not self.pieces:
-            raise ValueError("nothing was computed, the simulation failed at its start")
+            raise ValueError(NOTHING_KEPT)
         if not self.is_dense:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
         start, stop = self.starts[0], self.stops[-1]

@@ -88,7 +88,7 @@ def _not_too_many(name: str, length: Any, whole: float) -> float:
     return found
 
 
-def step_length(method: str, step: float | None, whole: float) -> float | None:
+def step_length(method: str, step: float | None, max_step: float, whole: float) -> float | None:
     """Return the step of a fixed-step method in a run of so many seconds, None for the others."""
     fixed = [name for name, known in METHODS.items() if known.takes_steps]
     if method not in fixed:
@@ -99,7 +99,13 @@ def step_length(method: str, step: float | None, whole: float) -> float | None:
         return None
     if step is None:
         raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
-    return _not_too_many("step", step, whole)
+    length = _not_too_many("step", step, whole)
+    if length > max_step:
+        raise ValueError(
+            f"simulate: step={length:g} is longer than max_step={max_step:g}; all steps of {method} have the length "
+            "step: leave max_step out, or shorten the step"
+        )
+    return length
 
 
 def check_laws(scene: Scene, start: float, stop: float) -> None:

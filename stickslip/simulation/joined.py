@@ -123,7 +123,7 @@ class Joined(Presented):
         """
         whole(points, "fit_for_plot: points")
         spans = [result.trajectory.stops[-1] - result.trajectory.starts[0] for result in self.results]
-        each = [math.ceil(points * span / sum(spans)) for span in spans]
+        each = [math.ceil(points * span / (sum(spans) or 1.0)) for span in spans]
         return Joined(tuple(result.fit_for_plot(own) for result, own in zip(self.results, each, strict=True)))
 
     def __str__(self) -> str:

@@ -19,6 +19,7 @@ from stickslip.results.outcome import Outcome
 from stickslip.results.readable import times_within
 from stickslip.results.samples import Samples, for_reading
 from stickslip.results.sampling import fit_for_plot, refined
+from stickslip.results.trajectory import NOTHING_KEPT
 from stickslip.simulation.presented import Presented
 
 
@@ -159,7 +160,7 @@ class Result(Outcome, Presented):
             If a time lies outside, or only the requested outputs were kept.
         """
         if not self.trajectory.pieces:
-            raise ValueError("sample: nothing was computed")
+            raise ValueError(f"sample: {NOTHING_KEPT}")
         wanted = times_within(times, self.trajectory.starts[0], self.trajectory.stops[-1])
         return replace(self, _at=Samples.at_times(self.trajectory, wanted))
 

@@ -87,7 +87,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     events : sequence of When, optional
         Quantities whose crossings of 0 are noted among the events, or stop the simulation.
     max_step : float
-        Longest step in s.
+        Longest step in s; a fixed `step` may not be longer.
     dense_output : bool
         Keep the motion between the outputs; False keeps only the outputs at `t_eval`.
     progress : bool
@@ -116,7 +116,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     max_step = arguments.checked_max_step(max_step, stop - start)
     margin = arguments.margin(velocity_margin)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
-    step = arguments.step_length(method, step, stop - start)
+    step = arguments.step_length(method, step, max_step, stop - start)
     arguments.check_laws(scene, start, stop)
     user_events, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
     watched = [(f"event {one.name!r}", one.quantity) for one in user_events]

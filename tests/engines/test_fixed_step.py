@@ -462,6 +462,7 @@ def test_the_longest_step_of_a_chain(n: int) -> None:
         ({"method": "RK4"}, "needs step="),
         ({"method": "BDF", "step": 1e-3}, "belongs to the methods RK4 and Euler"),
         ({"method": "RK4", "step": 0.0}, "step must"),
+        ({"method": "RK4", "step": 2e-3, "max_step": 1e-3}, "step=0.002 is longer than max_step=0.001"),
         ({"method": "RK4", "step": 1e-3, "formulation": "merged"}, "contact-force formulation"),
         ({"method": "RK4", "step": 1e-3, "formulation": "multiplier"}, "contact-force formulation"),
     ],

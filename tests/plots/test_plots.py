@@ -648,9 +648,9 @@ def test_a_run_that_failed_at_its_start_is_refused_whatever_its_size(count: int)
         "normal_forces": lambda: plots.normal_forces(result),
         "load_of_contacts": lambda: plots.load_of_contacts(result),
     }.items():
-        with pytest.raises(ValueError, match=f"{name}: nothing was computed that could be drawn"):
+        with pytest.raises(ValueError, match=f"{name}: nothing was kept: the run failed at its start"):
             draw()
-    with pytest.raises(ValueError, match="share of 'cb0': nothing was computed, the run failed at its start"):
+    with pytest.raises(ValueError, match="share of 'cb0': nothing was kept: the run failed at its start"):
         result.share("cb0")
 
 

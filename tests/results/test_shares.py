@@ -5,7 +5,21 @@ import math
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, LuGre, Mode, Scene, Stop, simulate, sine
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    LuGre,
+    Mode,
+    Scene,
+    SimulationError,
+    Stop,
+    join,
+    simulate,
+    sine,
+)
 from stickslip.benchmark import EXACT_EVENTS, flywheel_benchmark
 
 DRY = DryFriction(0.2, 0.1)
@@ -64,3 +78,26 @@ def test_what_cannot_be_told_is_refused():
         few.share("brake")
     with pytest.raises(ValueError, match="no contact is called 'x'"):
         few.share("x")
+
+
+def test_a_run_that_fails_at_its_first_instant(tmp_path):
+    """The step of 0.1 s is unstable beside bristles of 1e4 N/m: what is kept is the start, and it can be read."""
+    law = LuGre(DryFriction(0.5, 0.4), stiffness=1e4, damping=3.0)
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("c", "a", GROUND, law, normal=2.0))
+    with pytest.raises(SimulationError, match="is unstable") as caught:
+        simulate(scene, (0.0, 2.0), method="RK4", step=0.1)
+    result = caught.value.result
+    assert result.t.tolist() == [0.0]
+    for one in (result, join([result])):
+        assert one.share("c") == {Mode.BACKWARD: 0.0, Mode.STUCK: 0.0, Mode.FORWARD: 1.0}
+        assert set(one.fit_for_plot(10).t) == {0.0}
+        one.report(tmp_path / "run.html")
+        assert "unstable" in (tmp_path / "run.html").read_text()
+
+
+def test_a_run_without_outputs_did_not_fail():
+    nothing = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=[], dense_output=False)
+    assert nothing.success
+    for read in (lambda: nothing.share("brake"), nothing.final_scene, lambda: nothing.sample(3)):
+        with pytest.raises(ValueError, match=r"nothing was kept: .* or came to none of the times asked for"):
+            read()
