@@ -144,6 +144,8 @@ def _check(function: Any, executor: Any, workers: Any, progress: Any, save: Any,
         whole(workers, "sweep: workers", 1)
     if save is not None and not Path(save).absolute().parent.is_dir():
         raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
+    if save is not None and Path(save).is_dir():
+        raise ValueError(f"sweep: save: {str(save)!r} is a folder; name a file in it")
 
 
 def _parameters(grid: Mapping[str, Sequence[Any] | np.ndarray]) -> dict[str, np.ndarray]:

@@ -655,3 +655,5 @@ def test_map_refuses_what_it_cannot_draw():
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"save: there is no folder .*nowhere'; make it first"):
         sweep(lambda a: a, {"a": [1]}, executor="serial", save=tmp_path / "nowhere" / "x", progress=False)
+    with pytest.raises(ValueError, match="is a folder; name a file in it"):
+        sweep(lambda a: a, {"a": [1]}, executor="serial", save=tmp_path, progress=False)
