@@ -15,7 +15,7 @@ from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, fol
 from stickslip.engines.solvers.linear_solver import LinearSolver, band_order
 from stickslip.engines.solvers.sundials import CVODE
 from stickslip.engines.solvers.through_points import path_through
-from stickslip.engines.solvers.tolerances import SolverTolerances
+from stickslip.engines.solvers.tolerances import SolverTolerances, noise_of_led
 from stickslip.engines.work import Work, solved
 from stickslip.equations.guards.guards import Guards
 from stickslip.equations.motion import Motion
@@ -28,9 +28,6 @@ _EVENTS_PER_SOLVER = 20
 # Parts of the longest first step that a motion allows: the first step of a new solver, and the least one with which an
 # existing solver is used again.
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
-
-# A step of this part of a motion should not end in the noise of accelerations that are differences.
-_STEP = 1e-2
 
 _Options = tuple[int, float, float]  # how often tolerances have changed, longest and first step in s
 
@@ -100,11 +97,9 @@ class Cvode:
 
     def _is_led_roughly(self, motion: Motion, horizon: float) -> bool:
         """Tell whether drives lead bodies with accelerations that are too rough to be integrated."""
-        equations, system = motion.equations, motion.system
-        if not equations.is_driven or motion.segment.is_straight:
+        if not (motion.segment.has_functions and motion.equations.is_driven):
             return False
-        rough = abs(equations.balance.U) @ system.drive_accelerations(motion.segment.roughness)
-        return bool((rough * _STEP * horizon > self._tolerances.now[1][: system.n]).any())
+        return bool((noise_of_led(motion, horizon) > self._tolerances.now[1][: motion.system.n]).any())
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work

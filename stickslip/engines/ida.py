@@ -21,7 +21,7 @@ from stickslip.engines.solvers.follow import LookAhead, Lookout, first_step, fol
 from stickslip.engines.solvers.linear_solver import on_pattern, sparsity_pattern
 from stickslip.engines.solvers.sundials import IDA
 from stickslip.engines.solvers.through_points import path_through
-from stickslip.engines.solvers.tolerances import SolverTolerances
+from stickslip.engines.solvers.tolerances import SolverTolerances, noise_of_led
 from stickslip.engines.work import Work, solved
 from stickslip.equations.algebra.matrices import MatrixBlock, assembled, dense
 from stickslip.equations.balance import component_numbers, self_stress
@@ -107,6 +107,10 @@ class Ida:
         # row itself is no scale: it is 0 for a contact that is just being closed, or that nothing pushes.
         (rtol, atol), (asked, least) = self._tolerances.now, self._tolerances.asked
         of_forces = np.maximum(_OF_FORCES * asked * equations.force_scale, least[0] * equations.impulse_scale / horizon)
+        if motion.segment.has_functions and motion.roughness is not None:
+            (_, watched), n, m = motion.roughness[0], motion.system.n, motion.system.m
+            atol = np.append(np.maximum(atol[:n], noise_of_led(motion, horizon)), atol[n:])
+            of_forces = np.maximum(of_forces, watched[m : m + of_forces.size])
         options: dict[str, Any] = {
             "rtol": rtol,
             "atol": np.concatenate([atol, of_forces]),

@@ -16,6 +16,16 @@ _TOO_FAR, _NEAR = 1e3, 30.0
 _SLOW = 1e-2  # a body is led if its velocity changes by less than this part of itself while its spring could swing once
 _FINEST = 1e-14  # least relative tolerance
 _ROUNDOFF = 1e-14  # part of the terms of a velocity that is uncertain
+_STEP = 1e-2  # part of a motion: a solver should not have to take shorter steps because accelerations are rough
+
+
+def noise_of_led(motion: Motion, horizon: float) -> Array:
+    """Return the noise (n,) that a step leaves in the velocities of bodies which drives lead.
+
+    Where a drive is led by a function, its acceleration is a difference. Where it is not, there is next to no noise.
+    """
+    rough = motion.system.drive_accelerations(motion.segment.roughness)
+    return np.asarray(_STEP * horizon * (abs(motion.equations.balance.U) @ rough))
 
 
 class SolverTolerances:
