@@ -29,7 +29,8 @@ _HIGHEST_FREQUENCY = 1e100  # largest frequency in 1/s whose powers and products
 _PARTS = tuple(math.fmod(0.6180339887 * k, 1.0) for k in range(1, 21))  # of a time span, where functions are looked at
 _JUMP = 1e-3  # a change over next to no time is a jump beyond this part of the largest value
 _QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
-_ROUGH = 1e-14  # part of the largest value beyond which roundoff asks for longer differences
+_ROUGH = 1e-11  # part of the largest value beyond which roundoff asks for longer differences
+_FINE = 1e-14  # the same part for which differences over the usual step are best
 _SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
@@ -436,7 +437,7 @@ class Function(Signal):
         if self.is_slope:
             return FARTHER
         roundoff, largest = self._measured
-        return max(1.0, (roundoff / (_ROUGH * largest)) ** (1 / 3)) if largest else 1.0
+        return (roundoff / (_FINE * largest)) ** (1 / 3) if roundoff > _ROUGH * largest else 1.0
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""

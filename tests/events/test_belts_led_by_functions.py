@@ -197,7 +197,7 @@ def test_a_belt_that_stops_and_goes_has_a_roundoff() -> None:
     np.testing.assert_allclose(result.velocity("box"), [humps(t) for t in result.t], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"}], ids=str)
+@pytest.mark.parametrize("options", SOLVERS, ids=str)
 @pytest.mark.parametrize("held", ["by the belt", "by belt and spring", "by belt and floor"])
 @pytest.mark.parametrize("offset", [0.0, 1e6], ids=["single precision", "an offset"])
 def test_a_belt_known_to_few_digits(offset: float, held: str, options: dict[str, Any]) -> None:

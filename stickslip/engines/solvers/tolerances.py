@@ -16,7 +16,7 @@ _TOO_FAR, _NEAR = 1e3, 30.0
 _SLOW = 1e-2  # a body is led if its velocity changes by less than this part of itself while its spring could swing once
 _FINEST = 1e-14  # least relative tolerance
 _ROUNDOFF = 1e-14  # part of the terms of a velocity that is uncertain
-_STEP = 1e-2  # part of a motion: a solver should not have to take shorter steps because accelerations are rough
+_STEP = 1e-2  # part of the time in which a drive changes: rough accelerations should not ask for shorter steps
 
 
 def noise_of_led(motion: Motion, horizon: float) -> Array:
@@ -24,8 +24,12 @@ def noise_of_led(motion: Motion, horizon: float) -> Array:
 
     Where a drive is led by a function, its acceleration is a difference. Where it is not, there is next to no noise.
     """
-    rough = motion.system.drive_accelerations(motion.segment.roughness)
-    return np.asarray(_STEP * horizon * (abs(motion.equations.balance.U) @ rough))
+    system, segment = motion.system, motion.segment
+    accelerations, rough = system.accelerations_of_drives(segment)
+    velocity = row_maxima(system.drive_velocities(segment.patterns.T))
+    acceleration = row_maxima(accelerations)
+    step = _STEP * np.minimum(horizon, velocity / np.where(acceleration > 0, acceleration, np.inf))
+    return np.asarray(abs(motion.equations.balance.U) @ (step * rough))
 
 
 class SolverTolerances:
