@@ -89,17 +89,17 @@ class Cvode:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         if self._series is not None and motion.is_linear and not guards.is_velocity.any():
             return self._series.advance(motion, guards, horizon)
-        merged = self._task.merged or self._is_led_roughly(motion, horizon)
-        self._now.motion = selected = Selected(motion, self._order, merged)
+        merged, pace = self._task.merged, 1.0
+        if motion.segment.has_functions and motion.equations.is_driven:
+            atol = self._tolerances.now[1][: motion.system.n]
+            of_positions, of_velocities = noise_of_led(motion, horizon)
+            # accelerations that are too rough are not integrated
+            merged = merged or bool((of_velocities > atol).any())
+            pace = float((atol / np.maximum(of_positions, atol)).min())
+        self._now.motion = selected = Selected(motion, self._order, merged, pace)
         self._now.rate = selected.writes_rates()
         self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._look_ahead, self._tolerances)
         return follow(motion, guards, horizon, self._solve, self._task.interruption, self._look_ahead)
-
-    def _is_led_roughly(self, motion: Motion, horizon: float) -> bool:
-        """Tell whether drives lead bodies with accelerations that are too rough to be integrated."""
-        if not (motion.segment.has_functions and motion.equations.is_driven):
-            return False
-        return bool((noise_of_led(motion, horizon) > self._tolerances.now[1][: motion.system.n]).any())
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, lookout, work = self._now.motion, self._now.lookout, self.work
@@ -173,11 +173,11 @@ class Selected:
     """The states of a motion as CVODE sees them: all, or reordered, or without the dependent velocities.
 
     CVODE refuses an empty state. Where all states are dependent velocities, it integrates these once more, so that its
-    steps follow how they change.
+    steps follow how they change: times a `pace` below 1 where they are rough, so that no step follows their noise.
     """
 
-    def __init__(self, motion: Motion, order: Indices | None, merged: bool) -> None:
-        self.motion = motion
+    def __init__(self, motion: Motion, order: Indices | None, merged: bool, pace: float = 1.0) -> None:
+        self.motion, self._pace = motion, pace
         size = motion.y.size
         self._order = np.arange(size) if order is None else order
         self._is_all = order is None and not merged
@@ -217,12 +217,11 @@ class Selected:
 
     def _in_arrays(self, tau: float, y: Array, out: Array) -> None:
         whole = self.expand(tau, y)
-        out[:] = self.pick(whole if self._is_led else self.motion.rate(tau, whole))
+        out[:] = self.pick(self._pace * whole if self._is_led else self.motion.rate(tau, whole))
 
     def jacobian(self, tau: float, whole: Array) -> Any:
         """Return the Jacobian in a whole state."""
-        found = self.pick_both(self.motion.jacobian(tau, whole))
-        return 0.0 * found if self._is_led else found
+        return self.pick_both(self.motion.jacobian(tau, whole))
 
     def pick_both(self, matrix: Any) -> Any:
         """Return the rows and columns of the states that are integrated."""

@@ -109,7 +109,7 @@ class Ida:
         of_forces = np.maximum(_OF_FORCES * asked * equations.force_scale, least[0] * equations.impulse_scale / horizon)
         if motion.segment.has_functions and motion.roughness is not None:
             (_, watched), n, m = motion.roughness[0], motion.system.n, motion.system.m
-            atol = np.append(np.maximum(atol[:n], noise_of_led(motion, horizon)), atol[n:])
+            atol = np.append(np.maximum(atol[:n], noise_of_led(motion, horizon)[1]), atol[n:])
             of_forces = np.maximum(of_forces, watched[m : m + of_forces.size])
         options: dict[str, Any] = {
             "rtol": rtol,

@@ -31,7 +31,8 @@ _JUMP = 1e-3  # a change over next to no time is a jump beyond this part of the 
 _QUANTA = 4.0  # times the least change of a function that a difference of its values is uncertain
 _ROUGH = 1e-11  # part of the largest value beyond which roundoff asks for longer differences
 _FINE = 1e-14  # the same part for which differences over the usual step are best
-_SHORTEST = 1e-9  # step in s over which a function changes unless it is constant there
+_SHORTEST = 1e-9  # step in s over which a function mostly changes
+_LONG = 0.05  # part of a time span over which a function changes unless it is constant there
 _SURELY = 1e-12  # part of the sizes of its terms by which the lower bound of a sum must be above 0, for roundoff
 
 # The method of a load that answers where a number or an array of NumPy stands on the left.
@@ -422,14 +423,25 @@ class Function(Signal):
         (low, high), found, largest = self.limits, 0.0, 0.0
         for part in _PARTS if math.isfinite(high - low) else ():
             t = low + part * (high - low)
-            step = math.ulp(max(abs(low), abs(high)))
             with suppress(ValueError):
-                value = self.at(t)
-                while (change := abs(self.at(t + step) - value)) == 0 and step < _SHORTEST:
-                    step *= 8
-                found, largest = max(found, change), max(largest, abs(value))
-        # where a function jumps from one instant to the next, that is no roundoff
-        return (_QUANTA * found, largest) if found <= _JUMP * largest else (0.0, largest)
+                found, largest = max(found, self._least_change(t)), max(largest, abs(self.at(t)))
+        # where a function jumps from one instant to the next, that is no roundoff; differences may be as rough as this
+        return (_QUANTA * found, largest) if self.is_slope or found <= _JUMP * largest else (0.0, largest)
+
+    def _least_change(self, t: float) -> float:
+        """Return by how much the value changes after `t` at least, 0 where it stays the same for long."""
+        low, high = self.limits
+        value, step = self.at(t), math.ulp(max(abs(low), abs(high)))
+        longest = min(high - t, _LONG * (high - low))
+        while (change := abs(self.at(t + step) - value)) == 0 and step < longest:
+            step *= 8
+        if change and step > _SHORTEST:
+            # what has been the same for long changes by a quantum from one instant to the next, or begins to grow
+            same = step / 8
+            while same < (middle := 0.5 * (same + step)) < step:
+                after = abs(self.at(t + middle) - value)
+                same, step, change = (middle, step, change) if after == 0 else (same, middle, after)
+        return change
 
     @cached_property
     def _farther(self) -> float:

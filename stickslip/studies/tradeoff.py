@@ -113,7 +113,8 @@ class Tradeoff:
                 f"recommend: {len(self.skipped)} calls were left out, and no other one was measured"
                 f"{'' if may_creep else ' whose contacts do not creep'}; give tradeoff a larger budget"
             )
-        row = best_row(WorkPrecision(rows, self.work.error_label), error, time, "recommend", "call")
+        measured = WorkPrecision(rows, self.work.error_label)
+        row = best_row(measured, error, time, "recommend", "call", len(self.skipped))
         return Advice(row.call or row.name, row.error, row.median, row.error <= self.limit)
 
     @property

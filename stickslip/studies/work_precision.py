@@ -137,11 +137,13 @@ class WorkPrecision:
         return aligned(self.rows, self.pareto(), "setup", columns, [""] * len(self.rows))
 
 
-def best_row(table: WorkPrecision, error: float | None, time: float | None, caller: str, kind: str) -> WorkRow:
+def best_row(
+    table: WorkPrecision, error: float | None, time: float | None, caller: str, kind: str, left_out: int = 0
+) -> WorkRow:
     """Return the cheapest row within an error, or the most accurate row within a time.
 
     Errors begin with the name of the `caller`, and call what a row measured by its `kind`. The user may add setups, but
-    no calls.
+    no calls, but have more of them measured: `left_out` are those for which there was no time.
     """
     front = table.pareto()
     for name, value in (("error", error), ("time", time)):
@@ -162,6 +164,8 @@ def best_row(table: WorkPrecision, error: float | None, time: float | None, call
     if not nearest:
         raise ValueError(f"{caller}: no {kind} succeeded, so none has {wanted}; see the failures in .rows")
     row, more = nearest[0], f", or add setups with {remedy}" if kind == "setup" else ""
+    if left_out and error is not None:
+        more = f", or measure more: {left_out} {kind}s were left out for the budget"
     raise ValueError(
         f"{caller}: no {kind} has {wanted}; the nearest is {row.name!r} "
         f"(error {row.error:.3g}, {row.median:.3g} s). Allow as much{more}"

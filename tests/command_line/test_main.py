@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 import subprocess
 import sys
@@ -403,6 +404,18 @@ def test_a_failed_simulation_exits_with_1_and_keeps_what_there_is(here, capsys, 
     with (here / "o.csv").open() as file:
         assert float(list(csv.DictReader(file))[-1]["time"]) == data["final"]["time"]
     assert (here / "o.png").exists()
+
+
+@pytest.mark.slow
+def test_names_are_printed_where_an_encoding_does_not_know_their_letters(here):
+    text = (here / "scene.toml").read_text().replace("floor", "пол")
+    (here / "names.toml").write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "stickslip", "run", "names.toml"]
+    done = subprocess.run(
+        command, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert rb"\u043f\u043e\u043b" in done.stdout
 
 
 @pytest.mark.slow

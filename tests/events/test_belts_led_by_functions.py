@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -237,3 +238,43 @@ def test_a_belt_known_to_few_digits(offset: float, held: str, options: dict[str,
     np.testing.assert_allclose(runs[1].y[:, -1], runs[0].y[:, -1], rtol=0, atol=1e-6)
     # velocities in single precision are rough themselves beside the default tolerance
     assert runs[1].stats["steps"] < 5 * runs[0].stats["steps"]
+
+
+@pytest.mark.parametrize(
+    ("velocity", "stop"),
+    [
+        (lambda t: 0.3 * math.cos(0.03 * t), 300.0),
+        (lambda t: 0.3 + 0.3 * math.exp(-(((t - 1.83) / 0.1) ** 2)), 3.0),
+        (lambda t: 0.3 + 0.3 * math.exp(-(((t - 18.3) / 0.1) ** 2)), 30.0),
+    ],
+    ids=["slow", "a pulse", "a pulse in a long run"],
+)
+def test_a_belt_in_single_precision_that_changes_slowly_or_seldom(
+    velocity: Callable[[float], float], stop: float
+) -> None:
+    """It keeps the same value for many instants: how rough it is shows between them only."""
+
+    def run(f: Callable[[float], float]) -> Result:
+        pad = Contact("pad", "box", "belt", DryFriction(0.2, 0.1), normal=5.0)
+        return simulate(Scene(Body("box", inertia=1.0), Drive("belt", velocity=signal(f)), pad), (0.0, stop))
+
+    fine, rough = run(velocity), run(lambda t: float(np.float32(velocity(t))))
+    assert [event.after for event in rough.events] == [event.after for event in fine.events]
+    np.testing.assert_allclose([event.t for event in rough.events], [event.t for event in fine.events], atol=1e-4)
+    assert rough.stats["steps"] < 2 * fine.stats["steps"]
+
+
+def test_a_belt_in_single_precision_beside_a_load_with_many_breaks() -> None:
+    """How rough a function is shows between any two breaks, however near."""
+    times = np.linspace(0.0, 3.0, 31)
+    load = Force("box", piecewise_linear(times, np.cos(7 * times)))
+
+    def run(f: Callable[[float], float]) -> Result:
+        pad = Contact("pad", "box", "belt", DryFriction(0.2, 0.1), normal=50.0)
+        return simulate(Scene(Body("box", inertia=1.0), Drive("belt", velocity=signal(f)), pad, load), (0.0, 3.0))
+
+    fine = run(lambda t: 0.3 * math.cos(3 * t))
+    rough = run(lambda t: float(np.float32(0.3 * math.cos(3 * t))))
+    ((caught,), (expected,)) = rough.events, fine.events
+    assert caught.after == Mode.STUCK and caught.t == pytest.approx(expected.t, abs=1e-6)
+    assert rough.stats["steps"] < 2 * fine.stats["steps"]

@@ -1125,9 +1125,15 @@ def test_a_load_that_is_0_presses_to_one_side_only(law: Any) -> None:
     assert "the normal force of 'c' is 0, and near by it is not, but to one side only" in found.reasons[0]
 
 
-@pytest.mark.parametrize("parameter", ["c.normal", "c.normal.values[1]"])
+@pytest.mark.parametrize(
+    ("parameter", "why"),
+    [
+        ("c.normal", "a contact carries no force, and near by it does, but to one side only"),
+        ("c.normal.values[1]", "or it begins to be cut off at 0"),
+    ],
+)
 @pytest.mark.parametrize("law", [DryFriction(0.5, 0.5), PreSlip(DryFriction(0.5, 0.5), 0.01, "tanh")], ids=repr)
-def test_a_contact_without_any_normal_force_has_no_derivative_by_it(law: Any, parameter: str) -> None:
+def test_a_contact_without_any_normal_force_has_no_derivative_by_it(law: Any, parameter: str, why: str) -> None:
     """A body slides at 9 m/s. A normal force brakes it, ``v(2) = 9 - N`` if it is constant; a negative one does not."""
     normal = piecewise_linear([0.0, 1.0, 2.0], [0.0] * 3) if parameter.endswith("]") else 0.0
     scene = Scene(Body("m", inertia=1.0, velocity=9.0), Contact("c", "m", GROUND, law, normal=normal))
@@ -1135,7 +1141,7 @@ def test_a_contact_without_any_normal_force_has_no_derivative_by_it(law: Any, pa
     by_normal, by_start = found.velocity("m")
     assert np.isnan(by_normal) and by_start == pytest.approx(1.0, abs=1e-10)
     (reason,) = found.reasons
-    assert f"{parameter!r} from t = 0 s on" in reason and "a contact carries no force, and near by it does" in reason
+    assert f"{parameter!r} from t = 0 s on" in reason and why in reason
 
 
 def test_two_events_at_once_have_no_derivative() -> None:

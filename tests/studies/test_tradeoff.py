@@ -338,6 +338,9 @@ def test_failures_and_what_was_left_out_are_listed():
     assert "FAILED SimulationError: stop" in text
     assert "left out: x: took 3 s, its share is 1 s" in text
     assert "left out untried: 1 costlier calls" in text
+    found = made(row("a", 1.0, 1e-2), skipped=left)
+    with pytest.raises(ValueError, match=r"Allow as much, or measure more: 2 calls were left out for the budget"):
+        found.recommend(error=1e-3)
 
 
 # arguments and references

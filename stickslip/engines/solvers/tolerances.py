@@ -19,17 +19,19 @@ _ROUNDOFF = 1e-14  # part of the terms of a velocity that is uncertain
 _STEP = 1e-2  # part of the time in which a drive changes: rough accelerations should not ask for shorter steps
 
 
-def noise_of_led(motion: Motion, horizon: float) -> Array:
-    """Return the noise (n,) that a step leaves in the velocities of bodies which drives lead.
+def noise_of_led(motion: Motion, horizon: float) -> tuple[Array, Array]:
+    """Return the noise (n,) that a step leaves in positions and velocities of bodies which drives lead.
 
-    Where a drive is led by a function, its acceleration is a difference. Where it is not, there is next to no noise.
+    Where a drive is led by a function, its velocity has the roundoff of the function, and its acceleration is a
+    difference. Where it is not, there is next to no noise.
     """
     system, segment = motion.system, motion.segment
     accelerations, rough = system.accelerations_of_drives(segment)
     velocity = row_maxima(system.drive_velocities(segment.patterns.T))
     acceleration = row_maxima(accelerations)
     step = _STEP * np.minimum(horizon, velocity / np.where(acceleration > 0, acceleration, np.inf))
-    return np.asarray(abs(motion.equations.balance.U) @ (step * rough))
+    led = abs(motion.equations.balance.U)
+    return led @ (step * system.drive_velocities(segment.roughness)), led @ (step * rough)
 
 
 class SolverTolerances:

@@ -171,16 +171,15 @@ class Variation(Nearby):
         nothing = np.zeros(system.m, dtype=bool)
         impact = VariedImpact(system, bool(hit.any()), y[:n], u, u, none, sides, hit, closed=nothing)
         for k, direction in enumerate(self.directions):
-            if direction.has_two_sides:
-                why = "a contact carries no force, and near by it does, or there are other states, but to one side only"
-                self._refuse(t, [(k, why)], S)
-                continue
             if k in self.lost_breaks:
                 why = (
                     "a break of a load comes to the start or the end, two of its points fall together, or it begins to "
                     "be cut off at 0"
                 )
                 self._refuse(t, [(k, why)], S)
+                continue
+            if direction.has_two_sides:
+                self._refuse(t, [(k, "a contact carries no force, and near by it does, but to one side only")], S)
                 continue
             slope, _ = impact.along(S[:n, k], 0.0)
             S[:n, k] = system.balance(held).project(slope, none) + self._of_scene(k, impact, held, t, t)
