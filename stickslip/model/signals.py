@@ -116,6 +116,11 @@ class Signal(Load):
         """How uncertain the values are; 0 where that is the roundoff of their terms."""
         return 0.0
 
+    @property
+    def slope_roundoff(self) -> float:
+        """How uncertain slopes are at least; 0 where that is little."""
+        return 0.0
+
     def slope(self, t: float) -> float:
         """Return the derivative at `t` (the right limit where it jumps)."""
         raise NotImplementedError
@@ -387,6 +392,8 @@ class Function(Signal):
     reader: str = field(default="", compare=False, repr=False)
     is_slope: bool = field(default=False, compare=False, repr=False)
     """Whether the values are slopes of another function: differences, which are far more rough."""
+    known_roundoff: float = field(default=0.0, compare=False, repr=False)
+    """How uncertain the values are at least."""
 
     def at(self, t: float) -> float:
         """Return the value at `t`; a ValueError says where it is not a finite number."""
@@ -425,23 +432,32 @@ class Function(Signal):
             t = low + part * (high - low)
             with suppress(ValueError):
                 found, largest = max(found, self._least_change(t)), max(largest, abs(self.at(t)))
-        # where a function jumps from one instant to the next, that is no roundoff; differences may be as rough as this
-        return (_QUANTA * found, largest) if self.is_slope or found <= _JUMP * largest else (0.0, largest)
+        # where a function jumps from one instant to the next, that is no roundoff
+        return max(self.known_roundoff, _QUANTA * found if found <= _JUMP * largest else 0.0), largest
 
     def _least_change(self, t: float) -> float:
         """Return by how much the value changes after `t` at least, 0 where it stays the same for long."""
         low, high = self.limits
         value, step = self.at(t), math.ulp(max(abs(low), abs(high)))
-        longest = min(high - t, _LONG * (high - low))
+        same, longest = 0.0, min(high - t, _LONG * (high - low))
         while (change := abs(self.at(t + step) - value)) == 0 and step < longest:
-            step *= 8
+            same, step = step, min(8 * step, longest)
         if change and step > _SHORTEST:
             # what has been the same for long changes by a quantum from one instant to the next, or begins to grow
-            same = step / 8
             while same < (middle := 0.5 * (same + step)) < step:
                 after = abs(self.at(t + middle) - value)
                 same, step, change = (middle, step, change) if after == 0 else (same, middle, after)
         return change
+
+    @property
+    def slope_roundoff(self) -> float:
+        """How uncertain slopes are at least where the values are rough."""
+        return self.roundoff / self._step if self._farther > 1 and not self.is_slope else 0.0
+
+    @property
+    def _step(self) -> float:
+        """The step in s over which the function is differenced."""
+        return self._farther * (3e-6 * self.shortest_period if self.shortest_period else STEP)
 
     @cached_property
     def _farther(self) -> float:
@@ -454,8 +470,7 @@ class Function(Signal):
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order; no break and no limit lies between its points."""
         # the function feels the roundoff of its time
-        h = 3e-6 * self.shortest_period if self.shortest_period else max(STEP, 1e-9 * abs(t))
-        h *= self._farther
+        h = self._step if self.shortest_period else max(self._step, 1e-9 * self._farther * abs(t))
         times = self.break_times
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)

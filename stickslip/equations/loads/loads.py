@@ -365,4 +365,5 @@ def _slope(term: Signal, start: float, stop: float) -> Signal:
     """Return the slope of a load within a segment as a load, whose slope is a difference over a part of its period."""
     period = term.period or math.inf
     shortest = period if math.isfinite(period) else None
-    return Function(term.slope, (), shortest, limits=(start, stop), is_slope=True)
+    limits, known = (start, stop), term.slope_roundoff
+    return Function(term.slope, (), shortest, limits=limits, is_slope=True, known_roundoff=known)
