@@ -21,6 +21,7 @@ from stickslip import (
     Result,
     Scene,
     Signal,
+    SimulationError,
     Spring,
     piecewise_linear,
     signal,
@@ -278,3 +279,23 @@ def test_a_belt_in_single_precision_beside_a_load_with_many_breaks() -> None:
     ((caught,), (expected,)) = rough.events, fine.events
     assert caught.after == Mode.STUCK and caught.t == pytest.approx(expected.t, abs=1e-6)
     assert rough.stats["steps"] < 2 * fine.stats["steps"]
+
+
+def test_a_load_that_fails_later_beside_such_a_belt() -> None:
+    """How rough the belt is shows over all of the time, and the load fails only when the motion comes to it."""
+
+    def load(t: float) -> float:
+        if t > 2.5:
+            raise RuntimeError("no data")
+        return 0.1
+
+    scene = Scene(
+        Body("box", inertia=1.0),
+        Drive("belt", velocity=signal(lambda t: 0.3 * math.cos(t))),
+        Contact("pad", "box", "belt", DryFriction(0.2, 0.1), normal=5.0),
+        Force("box", signal(load)),
+    )
+    with pytest.raises(SimulationError, match="no data") as caught:
+        simulate(scene, (0.0, 4.0))
+    assert 2.0 < caught.value.t <= 2.5
+    assert [event.after for event in caught.value.result.events] == [Mode.STUCK]

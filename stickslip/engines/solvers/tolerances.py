@@ -26,7 +26,11 @@ def noise_of_led(motion: Motion, horizon: float) -> tuple[Array, Array]:
     difference. Where it is not, there is next to no noise.
     """
     system, segment = motion.system, motion.segment
-    accelerations, rough = system.accelerations_of_drives(segment)
+    try:
+        accelerations, rough = system.accelerations_of_drives(segment)
+    except (ArithmeticError, ValueError):
+        # a load that fails at a later time fails again when the solver comes to it
+        return np.zeros(system.n), np.zeros(system.n)
     velocity = row_maxima(system.drive_velocities(segment.patterns.T))
     acceleration = row_maxima(accelerations)
     step = _STEP * np.minimum(horizon, velocity / np.where(acceleration > 0, acceleration, np.inf))
