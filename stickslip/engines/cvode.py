@@ -89,13 +89,11 @@ class Cvode:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         if self._series is not None and motion.is_linear and not guards.is_velocity.any():
             return self._series.advance(motion, guards, horizon)
-        merged, pace = self._task.merged, 1.0
-        if motion.segment.has_functions and motion.equations.is_driven:
-            atol = self._tolerances.now[1][: motion.system.n]
-            of_positions, of_velocities = noise_of_led(motion, horizon)
-            # accelerations that are too rough are not integrated
-            merged = merged or bool((of_velocities > atol).any())
-            pace = float((atol / np.maximum(of_positions, atol)).min())
+        atol = self._tolerances.now[1][: motion.system.n]
+        of_positions, of_velocities = noise_of_led(motion, horizon)
+        # accelerations that are too rough are not integrated
+        merged = self._task.merged or bool((of_velocities > atol).any())
+        pace = float((atol / np.maximum(of_positions, atol)).min())
         self._now.motion = selected = Selected(motion, self._order, merged, pace)
         self._now.rate = selected.writes_rates()
         self._now.lookout = Lookout(guards, self._task.interruption, self.work, self._look_ahead, self._tolerances)

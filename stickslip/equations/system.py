@@ -542,9 +542,9 @@ class System:
         """Return the velocities of the drives from the inputs."""
         return q[self.first_drive : self.first_acceleration]
 
-    def drives_turn(self, bent: Indices) -> bool:
-        """Tell whether an input that is not straight is the velocity of a drive."""
-        return bool(((bent >= self.first_drive) & (bent < self.first_acceleration)).any())
+    def lead_drives(self, entries: Indices) -> bool:
+        """Tell whether any of some inputs is the velocity of a drive."""
+        return bool(((entries >= self.first_drive) & (entries < self.first_acceleration)).any())
 
     def drive_accelerations(self, q: Array) -> Array:
         """Return the accelerations of the drives from the inputs."""

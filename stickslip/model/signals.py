@@ -431,14 +431,15 @@ class Function(Signal):
         for part in _PARTS if math.isfinite(high - low) else ():
             t = low + part * (high - low)
             with suppress(ValueError):
-                found, largest = max(found, self._least_change(t)), max(largest, abs(self.at(t)))
+                value = self.at(t)
+                found, largest = max(found, self._least_change(t, value)), max(largest, abs(value))
         # where a function jumps from one instant to the next, that is no roundoff
         return max(self.known_roundoff, _QUANTA * found if found <= _JUMP * largest else 0.0), largest
 
-    def _least_change(self, t: float) -> float:
-        """Return by how much the value changes after `t` at least, 0 where it stays the same for long."""
+    def _least_change(self, t: float, value: float) -> float:
+        """Return by how much the value at `t` changes at least later, 0 where it stays the same for long."""
         low, high = self.limits
-        value, step = self.at(t), math.ulp(max(abs(low), abs(high)))
+        step = math.ulp(max(abs(low), abs(high)))
         same, longest = 0.0, min(high - t, _LONG * (high - low))
         while (change := abs(self.at(t + step) - value)) == 0 and step < longest:
             same, step = step, min(8 * step, longest)

@@ -21,24 +21,24 @@ _PARTS = 32
 def share(result: Readable, contact: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a contact spends in each mode; together they are 1.
 
-    Of a run that has ended at its first instant it is 1 for the mode there.
-
     Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
-    each step. Of runs in a row, only the time of those that have the contact is counted.
+    each step. Of runs in a row, only the time of those that have the contact is counted. If no time has passed, it is 1
+    for the mode at that instant.
 
     Raises
     ------
     ValueError
         If there is no such contact, or the motion between the outputs was not kept.
     """
-    times, at_once = dict[Mode, float](), dict[Mode, float]()
-    for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(contact)), strict=True):
-        if known is not None:
-            for mode, time in _times(run.samples, contact).items():
-                times[mode] = times.get(mode, 0.0) + time
-            at_once = at_once or _at_start(run.samples, contact)
-    total = sum(times.values())
-    return {mode: time / total for mode, time in times.items()} if total else at_once
+    places = of_each(result.runs, lambda samples: samples.row(contact))
+    known = [run.samples for run, place in zip(result.runs, places, strict=True) if place is not None]
+    times: dict[Mode, float] = {}
+    for samples in known:
+        for mode, time in _times(samples, contact).items():
+            times[mode] = times.get(mode, 0.0) + time
+    if not (total := sum(times.values())):
+        return _at_start(known[0], contact)
+    return {mode: time / total for mode, time in times.items()}
 
 
 def _at_start(samples: Samples, row: str) -> dict[Mode, float]:

@@ -142,10 +142,11 @@ def _check(function: Any, executor: Any, workers: Any, progress: Any, save: Any,
         raise ValueError(f"sweep: workers={workers!r} is for processes of our own; leave out executor or workers")
     if workers is not None:
         whole(workers, "sweep: workers", 1)
-    if save is not None and not Path(save).absolute().parent.is_dir():
-        raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
-    if save is not None and Path(save).is_dir():
-        raise ValueError(f"sweep: save: {str(save)!r} is a folder; name a file in it")
+    if save is not None:
+        if not Path(save).absolute().parent.is_dir():
+            raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
+        if Path(save).is_dir():
+            raise ValueError(f"sweep: save: {str(save)!r} is a folder; name a file in it")
 
 
 def _parameters(grid: Mapping[str, Sequence[Any] | np.ndarray]) -> dict[str, np.ndarray]:

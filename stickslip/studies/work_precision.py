@@ -142,8 +142,8 @@ def best_row(
 ) -> WorkRow:
     """Return the cheapest row within an error, or the most accurate row within a time.
 
-    Errors begin with the name of the `caller`, and call what a row measured by its `kind`. The user may add setups, but
-    no calls, but have more of them measured: `left_out` are those for which there was no time.
+    Errors begin with the name of the `caller`, and call what a row measured by its `kind`. The user may add setups.
+    Calls cannot be added, but more of them measured: `left_out` is how many there was no time for.
     """
     front = table.pareto()
     for name, value in (("error", error), ("time", time)):

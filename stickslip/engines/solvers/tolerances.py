@@ -23,14 +23,16 @@ def noise_of_led(motion: Motion, horizon: float) -> tuple[Array, Array]:
     """Return the noise (n,) that a step leaves in positions and velocities of bodies which drives lead.
 
     Where a drive is led by a function, its velocity has the roundoff of the function, and its acceleration is a
-    difference. Where it is not, there is next to no noise.
+    difference. Where none is, there is no noise.
     """
-    system, segment = motion.system, motion.segment
+    system, segment, none = motion.system, motion.segment, np.zeros(motion.system.n)
+    if not (motion.equations.is_driven and system.lead_drives(segment.by_functions)):
+        return none, none
     try:
         accelerations, rough = system.accelerations_of_drives(segment)
     except (ArithmeticError, ValueError):
         # a load that fails at a later time fails again when the solver comes to it
-        return np.zeros(system.n), np.zeros(system.n)
+        return none, none
     velocity = row_maxima(system.drive_velocities(segment.patterns.T))
     acceleration = row_maxima(accelerations)
     step = _STEP * np.minimum(horizon, velocity / np.where(acceleration > 0, acceleration, np.inf))

@@ -289,7 +289,7 @@ class Guards(GuardsAtStart):
         bends = not motion.is_straight or not is_linear or (is_rising and motion.rises_push)
         if bends:
             # relative velocities are still sums of states and lines, unless velocities of drives are no lines
-            unknown |= ~self.is_velocity | system.drives_turn(motion.segment.bent)
+            unknown |= ~self.is_velocity | system.lead_drives(motion.segment.bent)
         if not path.is_chebyshev or order < 2 or unknown.all():
             return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
         y = path.coefficients.reshape(k * order, size).T

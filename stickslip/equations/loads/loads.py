@@ -181,8 +181,9 @@ def _apart(breaks: set[float]) -> set[float]:
 class Segment:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
-    `value` and `slope` are the straight part, `bent` the entries that are not straight. `table_regions` are the regions
-    of tables in which motions begin, and `beside` is how far beside these regions tables may be looked up.
+    `value` and `slope` are the straight part, `bent` the entries that are not straight, `by_functions` those of them in
+    which functions have a part. `table_regions` are the regions of tables in which motions begin, and `beside` is how
+    far beside these regions tables may be looked up.
     """
 
     def __init__(
@@ -205,8 +206,9 @@ class Segment:
         self._before_stop = math.nextafter(stop, -math.inf)
         self._functions, self.sines = functions, Sines.of(sines) if sines else NO_SINES
         self.sine_turns: SineTurns = tuple(self.sines.entry.tolist()), tuple(self.sines.turn.tolist())
-        bent = {i for i, *_ in sines} | {i for i, _ in functions}
-        self.bent = np.array(sorted(bent), dtype=np.intp)
+        by_functions, by_sines = {i for i, _ in functions}, {i for i, *_ in sines}
+        self.by_functions = np.array(sorted(by_functions), dtype=np.intp)
+        self.bent = np.array(sorted(by_functions | by_sines), dtype=np.intp)
 
     def at(self, t: float, ahead: float = 0.0) -> Array:
         """Return the inputs at ``t + ahead``; functions count with their left limit at the end of the segment.

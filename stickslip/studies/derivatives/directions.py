@@ -55,8 +55,8 @@ class Direction:
     size: float = 1.0  # of the number that changes: a derivative times it is about as large as the quantity itself
     # (n + drives,): how the positions of bodies and drives change at the start; empty where only states change
     positions: Array = field(default_factory=lambda: np.zeros(0))
-    # whether the scene exists to both sides, but to one of them with other states or contacts: both sides may differ
-    has_two_sides: bool = False
+    # whether to one side the scene has other states or contacts: the derivatives to both sides may differ
+    changes_to_one_side: bool = False
 
 
 def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
@@ -104,7 +104,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     for weight, moving in placed:
         positions += weight * np.array([one.position for one in moving])
     near_ones = () if parameter.only_at_start else tuple(near)
-    return Direction(parameter.name, near_ones, y, since, size, positions, has_two_sides=differs)
+    return Direction(parameter.name, near_ones, y, since, size, positions, changes_to_one_side=differs)
 
 
 def _part(system: System) -> float:

@@ -178,7 +178,7 @@ class Variation(Nearby):
                 )
                 self._refuse(t, [(k, why)], S)
                 continue
-            if direction.has_two_sides:
+            if direction.changes_to_one_side:
                 self._refuse(t, [(k, "a contact carries no force, and near by it does, but to one side only")], S)
                 continue
             slope, _ = impact.along(S[:n, k], 0.0)
