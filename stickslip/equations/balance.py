@@ -30,6 +30,7 @@ _CANCELLED = 1e-14
 
 _SMALL = 60  # connected rows up to which a component is eliminated densely
 _REMEMBERED = 2000  # small components that are remembered; each takes up to some 50 kB
+_TINY = 8  # connected rows up to which a component takes so little memory that all those of a scene are remembered
 _ZERO = 1e-11
 
 _TORN = 1e-9  # part of its majorant below which a force between drives that move apart is roundoff
@@ -254,11 +255,15 @@ class Components:
 
     def __init__(self, inertia: Array, G: Any, D: Any, independent: Callable[[Array], Array] = np.asarray) -> None:
         self._inertia, self._G, self._D, self._independent = inertia, G, D, independent
-        self._remembered = lru_cache(maxsize=_REMEMBERED)(self._eliminated)
+        # a memory with less room than one set of held rows needs would forget each component before it comes back
+        self._tiny = lru_cache(maxsize=max(_REMEMBERED, G.shape[0]))(self._eliminated)
+        self._small = lru_cache(maxsize=_REMEMBERED)(self._eliminated)
 
     def component(self, rows: Indices) -> _Eliminated:
         """Return the component that some rows form."""
-        return (self._remembered if rows.size <= _SMALL else self._eliminated)(rows.tobytes())
+        if rows.size > _SMALL:
+            return self._eliminated(rows.tobytes())
+        return (self._tiny if rows.size <= _TINY else self._small)(rows.tobytes())
 
     def _eliminated(self, key: bytes) -> _Eliminated:
         rows = np.frombuffer(key, dtype=np.intp)

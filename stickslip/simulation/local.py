@@ -173,6 +173,8 @@ class Local:
                     self._next_roots.refine(k)
                 if rough.size:
                     continue
+                # over a long span a unit of time says little about how near two events are
+                near = near[(near == j) | self._next_roots.at_zero(near, t)]
             if self._stops_until(t):
                 return self._ending(self._seen, _NONE, False)
             if parts.stop - t <= TOGETHER * abs(parts.stop):

@@ -288,6 +288,39 @@ def test_events_of_the_user_are_found_part_by_part() -> None:
     assert found == [(name, pytest.approx(t, abs=1e-13), after) for name, t, after in told]
 
 
+def test_in_a_long_span_events_near_each_other_stay_events_of_their_own() -> None:
+    """Block i, slowed by 1 m/s², comes to rest at (1 + i 1e-7) ms, or breaks away at 1 s + i 1e-10 s, in 1e4 s."""
+    law, delays = DryFriction(0.1, 0.1), 1e-10 * np.arange(20)
+    bodies = [Body(f"b{i}", inertia=1.0, velocity=1e-3 + float(delay)) for i, delay in enumerate(delays)]
+    contacts = [Contact(f"c{i}", f"b{i}", GROUND, law, normal=10.0) for i in range(20)]
+    result = part_by_part(Scene(*bodies, *contacts), 1e4)
+    assert [(e.contact, e.after) for e in result.events] == [(f"c{i}", 0) for i in range(20)]
+    assert [e.t for e in result.events] == pytest.approx(1e-3 + delays, rel=1e-14)
+
+    sides = [(-1) ** i for i in range(20)]
+    weak = [Contact(f"c{i}", f"b{i}", GROUND, DryFriction(0.1, 0.05), normal=10.0) for i in range(20)]
+    pulls = [
+        Force(f"b{i}", piecewise_linear([0.0, 1e4], [-side * delay, side * (1e4 - delay)]))
+        for i, (side, delay) in enumerate(zip(sides, delays.tolist(), strict=True))
+    ]
+    resting = [Body(f"b{i}", inertia=1.0) for i in range(20)]
+    result = part_by_part(Scene(*resting, *weak, *pulls), 1e4)
+    assert [(e.contact, e.after) for e in result.events] == [(f"c{i}", side) for i, side in enumerate(sides)]
+    assert [e.t for e in result.events] == pytest.approx(1.0 + delays, abs=1e-11)
+
+
+def test_what_comes_to_rest_in_one_instant_is_settled_together() -> None:
+    """All blocks have 1 m/s and are slowed by 1 m/s²: the whole scene is settled once at 1 s, and not block by block."""
+    law = DryFriction(0.1, 0.1)
+    bodies = [Body(f"b{i}", inertia=1.0 + i, velocity=1.0) for i in range(20)]
+    contacts = [Contact(f"c{i}", f"b{i}", GROUND, law, normal=10.0 * (1.0 + i)) for i in range(20)]
+    with validation.part_by_part():
+        result = simulate(Scene(*bodies, *contacts), (0.0, 1e4))
+    assert len(result.trajectory.parts) == 2
+    assert len({e.t for e in result.events}) == 1
+    assert [e.contact for e in result.events] == [f"c{i}" for i in range(20)]
+
+
 def test_an_event_of_the_user_stops_a_run_part_by_part() -> None:
     """Block 7 has 8 - t m/s: at 4.53 s it has 3.47; the blocks that come to rest later have not done so."""
     events = [When("stop", velocity("b7") - 3.47, stop=True), When("later", velocity("b7") - 3.0)]

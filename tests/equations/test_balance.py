@@ -457,3 +457,23 @@ def test_components_met_before_give_the_same_balance(seed: int) -> None:
         assert np.array_equal(known.accelerations(F, u), anew.accelerations(F, u))
         a = anew.accelerations(F, u)
         assert np.array_equal(known.held_forces(F, a, u), anew.held_forces(F, a, u))
+
+
+def test_all_small_components_of_a_large_scene_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With less room than one balance needs, each component would be forgotten before it comes back."""
+    count, made = 2500, 0
+    G = sparse.kron(sparse.eye_array(count), np.array([[1.0, -1.0]]), format="csr")
+    D, M = sparse.csr_array((count, 1)), np.ones(2 * count)
+    plain = balance._Component
+
+    def counted(*arguments: Any) -> Any:
+        nonlocal made
+        made += 1
+        return plain(*arguments)
+
+    monkeypatch.setattr(balance, "_Component", counted)
+    components = Components(M, G, D)
+    rates = [Balance(M, G, D, components.component).accelerations(np.arange(2.0 * count)) for _ in range(2)]
+    assert made == count
+    # a pair shares the sum of its forces
+    assert all(np.array_equal(rate, np.repeat(2.0 * np.arange(count) + 0.5, 2)) for rate in rates)

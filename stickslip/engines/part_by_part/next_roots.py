@@ -24,6 +24,8 @@ _CLEAR = 1e-9
 # An acceleration above this part of its majorant shows clearly to which side an open row moves.
 _MOVES = 1e-6
 
+_AT_ZERO = 1e-11  # part of its scale below which a guard of another row that comes to 0 is 0, too
+
 _STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
 
 
@@ -312,6 +314,19 @@ class NextRoots:
                 border = int(borders[place])
                 floor = self._slope_majorant(j, border) if self._zeros[border] == 1 else size
                 self._enter(j, g[place], t, span, place, floor)
+
+    def at_zero(self, rows: Indices, t: float) -> Mask:
+        """Tell which of some rows have a guard at time `t` that is 0 but for roundoff; gaps count as such."""
+        parts = self._parts
+        moved = self.moved(rows, t)[:, 0]
+        sizes = np.array([self.roundoff_scale(j, t) for j in rows.tolist()])
+        value = parts.label[rows] * moved - self.near_rest[rows]
+        held = (parts.mode[rows] == 0).nonzero()[0]
+        if held.size:
+            forward, backward = parts.levels(rows[held], t)[:, :, 0]
+            is_forward = self.direction[rows[held]] > 0
+            value[held] = np.where(is_forward, forward - moved[held], backward + moved[held])
+        return np.asarray((np.abs(value) <= _AT_ZERO * sizes) | (parts.mode[rows] == APART))
 
     def crosses(self, j: int, t: float) -> bool:
         """Tell whether a gap clearly goes on beyond the border that it comes to at time `t`; a stop never does."""
