@@ -310,7 +310,7 @@ def test_in_a_long_span_events_near_each_other_stay_events_of_their_own() -> Non
 
 
 def test_what_comes_to_rest_in_one_instant_is_settled_together() -> None:
-    """All blocks have 1 m/s and are slowed by 1 m/s²: the whole scene is settled once at 1 s, and not block by block."""
+    """All blocks have 1 m/s and are slowed by 1 m/s²: at 1 s the whole scene is settled, not block after block."""
     law = DryFriction(0.1, 0.1)
     bodies = [Body(f"b{i}", inertia=1.0 + i, velocity=1.0) for i in range(20)]
     contacts = [Contact(f"c{i}", f"b{i}", GROUND, law, normal=10.0 * (1.0 + i)) for i in range(20)]

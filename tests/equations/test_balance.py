@@ -464,7 +464,7 @@ def test_all_small_components_of_a_large_scene_are_remembered(monkeypatch: pytes
     count, made = 2500, 0
     G = sparse.kron(sparse.eye_array(count), np.array([[1.0, -1.0]]), format="csr")
     D, M = sparse.csr_array((count, 1)), np.ones(2 * count)
-    plain = balance._Component
+    plain = vars(balance)["_Component"]
 
     def counted(*arguments: Any) -> Any:
         nonlocal made
