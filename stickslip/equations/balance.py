@@ -265,6 +265,11 @@ class Components:
             return self._eliminated(rows.tobytes())
         return (self._tiny if rows.size <= _TINY else self._small)(rows.tobytes())
 
+    def are_torn(self, rows: Indices) -> bool:
+        """Tell whether drives that move apart tear some rows that are connected."""
+        is_tree = rows.size > _SMALL and _Tree.of(self._inertia, self._G[rows], self._D[rows]) is not None
+        return not is_tree and self.component(rows).parting is not None
+
     def _eliminated(self, key: bytes) -> _Eliminated:
         rows = np.frombuffer(key, dtype=np.intp)
         G, D = self._G[rows], self._D[rows].toarray()

@@ -53,6 +53,8 @@ class Forest:
         The rows that join bodies in trees: contacts.
     gaps : array of int
         The rows whose stretch has limits: gaps and stops.
+    piecewise : PiecewiseMatrices
+        Their regions and forces.
     knots : list of arrays of int
         The bodies of each knot.
     knot_of, knot_of_row : arrays (n,), (m,) of int
@@ -101,7 +103,7 @@ class Forest:
         self.in_tree, self.knot_of, self.knot_of_row = _knots(system)
         self.knots = [(self.knot_of == k).nonzero()[0] for k in range(int(self.knot_of.max(initial=-1)) + 1)]
         contacts = self.in_tree.nonzero()[0]
-        self.gaps = (system.is_gap | system.is_stop).nonzero()[0]
+        self.gaps, self.piecewise = (system.is_gap | system.is_stop).nonzero()[0], system.piecewise
         self._number(a[contacts], b[contacts])
         swapped = (b >= 0) & (self.first[np.maximum(b, 0)] > self.first[a])
         lever[swapped] = lever[swapped][:, [1, 0, 2]]

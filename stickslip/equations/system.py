@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import Triplets
-from stickslip.equations.balance import Balance, Components
+from stickslip.equations.balance import Balance, Components, component_numbers
 from stickslip.equations.loads.dependence import Dependence, Forms, Friction
 from stickslip.equations.loads.loads import Loads, Segment
 from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
@@ -115,6 +115,7 @@ class System:
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
         self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(self._balance)
+        self._joined = lru_cache(maxsize=1)(self._numbered)
         self._components = Components(self.inertia, self.G, self.D, self.independent)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
 
@@ -578,6 +579,26 @@ class System:
     def balance(self, held: Mask) -> Balance:
         """Return the balance of forces with some rows held; the latest are remembered."""
         return self._balances(held.tobytes())
+
+    def is_torn_with(self, held: Mask, row: int) -> bool:
+        """Tell whether drives tear rows that are held once another one is held, too; without it they do not."""
+        if not self.sparse:
+            held = held.copy()
+            held[row] = True
+            return self.balance(held).parting is not None
+        # only what the row joins can be torn with it
+        rows, number, of_body = self._joined(held.tobytes())
+        bodies = self.G.indices[self.G.indptr[row] : self.G.indptr[row + 1]]
+        own = np.isin(number, of_body[bodies])
+        return self._components.are_torn(np.sort(np.append(rows[own], row)))
+
+    def _numbered(self, held: bytes) -> tuple[Indices, Indices, Indices]:
+        """Return held rows, the number of the component of each, and that of each body, -1 where nothing holds it."""
+        rows = np.frombuffer(held, dtype=bool).nonzero()[0]
+        G = self.G[rows].tocoo()
+        number, of_body = component_numbers(self.G[rows]), np.full(self.n, -1)
+        of_body[G.col] = number[G.row]
+        return rows, number, of_body
 
     def with_held(self, y: Array, u: Array, held: Mask) -> Array:
         """Return a state in which some rows are held, momentum conserved, while drives have the velocities `u`."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines.part_by_part.elastic import Elastic
 from stickslip.engines.part_by_part.groups import UNLED
 from stickslip.engines.part_by_part.knots import Knots
 from stickslip.engines.part_by_part.next_roots import NextRoots
@@ -73,7 +74,7 @@ class Local:
         margin: Array,
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
-        self._knots = Knots(forest)
+        self._knots, self._elastic = Knots(forest), Elastic(forest)
         self._recorder, self._timeline, self._watch = recorder, timeline, watch
         self._margin = margin
         self.most_guards = self._held = self._most_held = self._armed = 0
@@ -126,7 +127,7 @@ class Local:
         """
         motion, guards = now.motion, now.guards
         self._now = now
-        parts = self._parts = Parts(self._forest, self._knots, motion, now.labels, self._work)
+        parts = self._parts = Parts(self._forest, self._knots, self._elastic, motion, now.labels, self._work)
         self._next_roots = roots = NextRoots(parts, self._work, self._margin)
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size

@@ -7,12 +7,15 @@ from collections import defaultdict
 import numpy as np
 
 from stickslip.equations.forest import Forest, spans
-from stickslip.equations.piecewise import PiecewiseMatrices, Regions
+from stickslip.equations.piecewise import Regions
 from stickslip.model.arrays import Array, Indices, Modes
 
 
 class Elastic:
     """The regions of all gaps, and the couplings and forces that follow from the regions.
+
+    It is made once for a scene: the next motion that is followed part by part begins with the regions of the last one
+    but for few.
 
     Attributes
     ----------
@@ -27,11 +30,11 @@ class Elastic:
         The bodies that couple to each one now.
     """
 
-    def __init__(self, forest: Forest, functions: PiecewiseMatrices, regions: Regions) -> None:
-        self._forest, self._functions = forest, functions
+    def __init__(self, forest: Forest) -> None:
+        self._forest, self._functions = forest, forest.piecewise
         self.stiffness, self.damping, self.neighbours = forest.stiffness, forest.damping, forest.neighbours
         self.constant, self.count, self.coupled = np.zeros(forest.n), forest.gaps.size, forest.coupled
-        self.region = regions.copy()
+        self.region = np.zeros(self._functions.count, dtype=np.int16)
         # the number of the gap that a row is, -1 for others
         self.number = np.full(forest.m, -1)
         self.number[forest.gaps] = np.arange(self.count)
@@ -59,6 +62,12 @@ class Elastic:
             for i, c in ends:
                 self._at[i].append((gap, c))
         self._act(range(self.count))
+
+    def begin(self, regions: Regions) -> None:
+        """Let all gaps go on in the regions of a motion."""
+        changed = (self.region != regions).nonzero()[0]
+        if changed.size:
+            self.enter(changed, regions[changed])
 
     def enter(self, gaps: Indices, regions: Regions) -> Indices:
         """Let gaps go on in other regions, beyond a border; return the bodies at their ends."""

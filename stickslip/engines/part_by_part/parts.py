@@ -51,6 +51,8 @@ class Parts:
     ----------
     forest : Forest
     knots : Knots
+    elastic : Elastic
+        Regions and forces of gaps; the same for all motions of a run.
     motion : Motion
         Where to begin; its inputs must be straight.
     labels : array (m,)
@@ -74,8 +76,6 @@ class Parts:
         AT_HIGH or AT_LOW for rows that carry their level, 0 for others.
     any_at_level : bool
         Whether there are such rows.
-    elastic : Elastic
-        Regions and forces of gaps.
     groups : Groups
         Which bodies move together.
     prescribed : Prescribed
@@ -84,7 +84,9 @@ class Parts:
         Time until which the series of bodies that springs, dampers or sines move hold.
     """
 
-    def __init__(self, forest: Forest, knots: Knots, motion: Motion, labels: Modes, work: Work) -> None:
+    def __init__(
+        self, forest: Forest, knots: Knots, elastic: Elastic, motion: Motion, labels: Modes, work: Work
+    ) -> None:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         equations = motion.equations
@@ -99,7 +101,8 @@ class Parts:
         self._ascending = np.arange(1.0, count + 2)
         self._inverse = 1.0 / self._ascending
         self._factorial = np.cumprod(np.append(1.0, self._ascending))
-        self.elastic = Elastic(forest, system.piecewise, equations.regions)
+        self.elastic = elastic
+        elastic.begin(equations.regions)
         # whether couplings or sines act on every body, whatever gaps do
         self._all_bend = bool((forest.coupled | prescribed.feels_sines).all())
         self._given = prescribed.force.copy()

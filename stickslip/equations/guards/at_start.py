@@ -173,9 +173,8 @@ class GuardsAtStart(GuardValues):
 
     def _is_torn_if_held(self, row: int) -> bool:
         """Tell whether drives would tear rows if a row were held, too: then no level decides whether it is."""
-        held = self.motion.equations.is_held.copy()
-        held[row] = True
-        return self.motion.system.balance(held).parting is not None
+        equations = self.motion.equations
+        return equations.balance.parting is not None or self.motion.system.is_torn_with(equations.is_held, row)
 
     def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
         """Return bounds below which orders 1 and 2 of a guard at its level are roundoff, and its flatness.
