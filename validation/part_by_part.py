@@ -219,6 +219,32 @@ def with_gaps(scene: Scene, seed: int) -> Scene:
     return Scene(*scene.elements, *gaps)
 
 
+def with_schedules(scene: Scene, seed: int) -> Scene:
+    """Return a scene in which bodies are loaded and contacts pressed from time to time, each by a schedule of its own.
+
+    Loads and normal forces kink and jump; many normal forces begin or end with 0.
+    """
+    rng = np.random.default_rng(seed + 4000)
+
+    def schedule(levels: Sequence[float]) -> Signal:
+        times = np.sort(rng.uniform(0.1, STOP - 0.1, int(rng.integers(2, 5))))
+        if rng.random() < 0.4:
+            # jumps
+            times = np.repeat(times, 2)
+        return piecewise_linear(times, rng.choice(levels, times.size))
+
+    elements: list[Any] = []
+    for one in scene.elements:
+        if isinstance(one, Contact) and rng.random() < 0.7:
+            assert isinstance(one.normal, Signal)
+            level = one.normal.at(0.0)
+            elements.append(replace(one, normal=schedule([0.0, level, 2.0 * level])))
+        else:
+            elements.append(one)
+    elements += [Force(body.name, schedule([0.0, 3.0, -3.0, 1.0])) for body in scene.bodies if rng.random() < 0.6]
+    return Scene(*elements)
+
+
 def even_chain(seed: int) -> Scene:
     """Return equal bodies in a row with gaps between them: many touch at the start, and much happens at once."""
     rng = np.random.default_rng(seed)
@@ -341,6 +367,11 @@ def trees_with_machines(number: int) -> Scene:
     return with_machines(with_gaps(scene, number) if number % 4 == 0 else scene, number)
 
 
+def trees_with_schedules(number: int) -> Scene:
+    """Return trees, some with gaps or sines, whose loads come and go."""
+    return with_schedules(trees_with_gaps(number) if number % 3 == 0 else random_forest(number), number)
+
+
 @dataclass(frozen=True)
 class Family:
     """How scenes are drawn, and with which options of `difference` and events of the user they are compared.
@@ -380,6 +411,7 @@ FAMILIES = {
         {"stop": 3.97},
         ALMOST_TOGETHER,
     ),
+    "schedules": Family("trees whose loads and normal forces come and go", trees_with_schedules),
     "followers": Family("trees with forces that follow other bodies", trees_with_followers, {"knots": True}),
     "machines": Family(
         "trees beside machines: ties, levers, stops, clutches, loops",

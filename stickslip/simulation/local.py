@@ -7,6 +7,7 @@ row, and only the bodies that it reaches are expanded anew.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,9 +22,11 @@ from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards.at_start import ROUNDOFF
+from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import APART, OPEN
+from stickslip.equations.motion import Motion
 from stickslip.events.endings import arrives
-from stickslip.events.settle import Settled
+from stickslip.events.settle import Settled, closed_rows
 from stickslip.events.situation import Situation
 from stickslip.events.trees import Tree, TreeModes, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -60,7 +63,8 @@ class Local:
 
     Where the recorder keeps only outputs, series are handed over to it from time to time and then forgotten. The
     timeline notes every event, and the user's events are looked for between these. A row that moves without friction
-    may relax to rest within the `margin`: there the whole scene is followed.
+    may relax to rest within the `margin`: there the whole scene is followed. `now` is the motion that is followed, from
+    the last break of the loads on, in the modes with which it began.
     """
 
     def __init__(
@@ -78,7 +82,8 @@ class Local:
         self._recorder, self._timeline, self._watch = recorder, timeline, watch
         self._margin = margin
         self.most_guards = self._held = self._most_held = self._armed = 0
-        self._opened, self._any_slick = _NONE, False
+        self._bad = self._opened = _NONE
+        self._any_slick = False
         self._renewals, self._until_look, self._seems_at_rest = 0, _LOOK_FOR_REST, False
         self._stopped: str | None = None
 
@@ -120,13 +125,13 @@ class Local:
                 return False
         return not motion.is_balanced
 
-    def follow(self, now: Settled) -> Ending | None:
+    def follow(self, now: Settled, loads: Loads) -> Ending | None:
         """Follow a motion and all its events up to the instant at which the whole scene is to be settled.
 
         Returns None if it is to be followed as a whole from its start on.
         """
         motion, guards = now.motion, now.guards
-        self._now = now
+        self.now, self._loads = now, loads
         parts = self._parts = Parts(self._forest, self._knots, self._elastic, motion, now.labels, self._work)
         self._next_roots = roots = NextRoots(parts, self._work, self._margin)
         everything = np.arange(self._forest.n)
@@ -157,7 +162,12 @@ class Local:
                 if self._stops_until(parts.series_end):
                     return self._ending(self._seen, _NONE, False)
                 if parts.series_end >= parts.stop:
-                    return self._ending(parts.stop, _NONE, False)
+                    if not self._goes_on():
+                        return self._ending(parts.stop, _NONE, False)
+                    if self._bad.size or self._opened.size:
+                        return self._ending(parts.renewed_at, _NONE, self._any_gap(self._bad))
+                    tie = _TIE * max(parts.unit, parts.stop - parts.renewed_at)
+                    continue
                 self._renew(parts.series_end)
                 if self._bad.size or self._opened.size:
                     return self._ending(parts.renewed_at, self._bad, self._any_gap(self._bad))
@@ -197,7 +207,7 @@ class Local:
         if watch is None or t <= begin:
             return False
         try:
-            found = watch.crossings_of_parts(self._now.motion, self._parts, begin, t)
+            found = watch.crossings_of_parts(self.now.motion, self._parts, begin, t)
         except Failed as failed:
             # keep what was computed before
             self._timeline.t = begin + failed.tau
@@ -211,19 +221,67 @@ class Local:
                 return True
         return False
 
+    def _goes_on(self) -> bool:
+        """Go on beyond a break of the loads; False where the whole scene is to be settled there.
+
+        Forces and normal forces may change there: a contact that moves and is pressed from then on slips, and one that
+        is no longer pressed goes on without friction.
+        """
+        parts, roots, motion, t = self._parts, self._next_roots, self.now.motion, self._parts.stop
+        if t >= self._timeline.stop:
+            return False
+        after, system = self._loads.after(t), motion.system
+        if not self._forest.takes(after):
+            return False
+        changes = ((parts.mode == OPEN) == closed_rows(system, after, t, after.at(t))).nonzero()[0]
+        if not self._keeps_moving(changes, t):
+            return False
+        felt = parts.go_on(motion.segment, after, changes)
+        if felt is None:
+            return False
+        self._timeline.go_to(t, False)
+        self._timeline.restarts += 1
+        self.now = replace(self.now, motion=Motion(motion.equations, after, t, parts.state(t), parts.since.copy()))
+        self._tick(t, True)
+        self._expand_anew(t, felt)
+        self._armed += changes.size - 2 * int(np.count_nonzero(parts.mode[changes] == OPEN))
+        self._enter_rows(changes)
+        # what the other rows watch goes on as before, but has been looked at up to the break only
+        others = (parts.row_origin != t).nonzero()[0]
+        if others.size:
+            parts.watched[others], parts.row_origin[others] = roots.moved(others, t), t
+            parts.started[others] = False
+            bad = roots.look(others, t, np.zeros(others.size, dtype=bool))
+            self._bad = np.concatenate([self._bad, bad])
+        self._count_guards()
+        return True
+
+    def _keeps_moving(self, changes: Indices, t: float) -> bool:
+        """Tell whether rows that a break presses, or no longer presses, move, and all open rows do."""
+        parts, roots = self._parts, self._next_roots
+        if (parts.opens and not parts.label[parts.mode == OPEN].all()) or (changes.size and self._any_slick):
+            return False
+        if not (self._forest.in_tree[changes].all() and parts.mode[changes].all()):
+            return False
+        w = parts.label[changes] * roots.moved(changes, t)[:, 0]
+        return bool((w > ROUNDOFF * np.array([roots.roundoff_scale(j, t) for j in changes.tolist()])).all())
+
     def _renew(self, t: float) -> None:
         """Expand all bodies anew whose series end at `t`."""
+        self._parts.renewed_at, self._parts.series_end = t, self._parts.stop
+        self._tick(t, False)
+        self._expand_anew(t, np.zeros(self._forest.n, dtype=bool))
+
+    def _expand_anew(self, t: float, some: Mask) -> None:
+        """Expand some bodies anew, and all those whose series end."""
         parts, forest = self._parts, self._forest
-        parts.renewed_at = t
         live = parts.is_bent
         live[forest.near_body[live[forest.near]]] = True
         live[forest.child[self._next_roots.is_live]] = True
-        bodies = parts.groups.sharing(live)
-        parts.series_end = parts.stop
-        self._bad = _NONE
+        bodies = parts.groups.sharing(live | some)
+        self._bad = self._opened = _NONE
         if bodies.size:
             patch = parts.patch(bodies, t)
-            self._tick(t, False)
             self._expand(patch, patch.v, t, _NONE)
 
     def _expand(self, patch: Patch, v: Array, t: float, started: Indices) -> None:
@@ -253,7 +311,7 @@ class Local:
         if self._renewals < self._until_look:
             return False
         self._renewals = 0
-        parts, system = self._parts, self._now.motion.system
+        parts, system = self._parts, self.now.motion.system
         speeds, places = np.split(np.abs(parts.state(parts.renewed_at)), [system.n])
         slow = speeds.max(initial=0.0) * parts.unit <= _SLOW * places.max(initial=0.0)
         self._seems_at_rest = bool(slow) and not system.sparse
@@ -429,7 +487,7 @@ class Local:
 
     def _begin(self, t: float) -> None:
         parts = self._parts
-        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.prescribed.drives)
+        self._patches = Patches(self.now.motion.system, t, parts.unit, parts.prescribed.drives)
         self._most_held = self._held
         self._last = t
         self._patches.tick(t, False)
@@ -483,7 +541,7 @@ class Local:
 
     def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> Ending:
         """Hand over what is known, and say where the whole scene is to be settled."""
-        parts, system = self._parts, self._now.motion.system
+        parts, system = self._parts, self.now.motion.system
         self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
         fired, touching = np.zeros(system.m, dtype=bool), np.zeros(system.m, dtype=bool)
         crossed = [

@@ -146,9 +146,9 @@ class Run:
         assert now is not None
         self.most_guards = max(self.most_guards, now.guards.armed)
         if self._local is not None and not self._as_a_whole and self._local.takes(now):
-            end = self._local.follow(now)
+            end = self._local.follow(now, self.loads)
             if end is not None:
-                self._go_on_from_parts(now, self._local, end)
+                self._go_on_from_parts(self._local, end)
                 return
         self._as_a_whole = False
         path, relaxed = self._path(now)
@@ -239,14 +239,14 @@ class Run:
                 return path, at
         return path, t
 
-    def _go_on_from_parts(self, now: Settled, local: Local, ending: Ending) -> None:
+    def _go_on_from_parts(self, local: Local, ending: Ending) -> None:
         """Settle the whole scene at the end of a motion that was followed part by part."""
-        motion = now.motion
+        motion = local.now.motion
         end, self._as_a_whole, crossed, self.stopped = ending
         assert end.labels is not None and end.was is not None
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before = end.t, end.labels
-        self.now = replace(now, labels=before)
+        self.now = replace(local.now, labels=before)
         self.timeline.go_to(t, bool(end.fired.any()))
         if self.stopped is not None or self.timeline.is_over or self._interruption.pressed:
             return

@@ -309,6 +309,55 @@ def test_in_a_long_span_events_near_each_other_stay_events_of_their_own() -> Non
     assert [e.t for e in result.events] == pytest.approx(1.0 + delays, abs=1e-11)
 
 
+def test_breaks_of_loads_change_only_what_feels_them() -> None:
+    """Block i has 4 m/s, is braked by 1 m/s² from 1 + i / 100 s on for 2 s, then pushed by ``s - 1`` m/s² for 1 s.
+
+    Its brake closes and opens with a jump, and its push begins with one and kinks twice.
+    """
+    law, begins = DryFriction(0.1, 0.1), 1.0 + 0.01 * np.arange(20)
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0, velocity=4.0) for i in range(20)),
+        *(
+            Contact(f"c{i}", f"b{i}", GROUND, law, normal=piecewise_linear([a, a, a + 2, a + 2], [0, 10, 10, 0]))
+            for i, a in enumerate(begins.tolist())
+        ),
+        *(
+            Force(f"b{i}", piecewise_linear([a + 2, a + 2, a + 3, a + 3], [0, -1, 0, 0]))
+            for i, a in enumerate(begins.tolist())
+        ),
+    )
+    result = part_by_part(scene, 6.0)
+    assert not result.events
+    assert set(result.trajectory.starts) == {0.0, *begins, *(begins + 2), *(begins + 3)}
+    fine = result.sample(601)
+    for i, a in enumerate(begins.tolist()):
+        braked, pushed = np.clip(fine.t - a, 0.0, 2.0), np.clip(fine.t - a - 2.0, 0.0, 1.0)
+        np.testing.assert_allclose(fine.velocity(f"b{i}"), 4.0 - braked - pushed + 0.5 * pushed**2, rtol=0, atol=1e-13)
+        within = (fine.t > a) & (fine.t < a + 2)
+        assert np.array_equal(fine.force(f"c{i}"), np.where(within | (fine.t == a), 1.0, 0.0))
+
+
+def test_what_a_break_of_loads_sets_in_motion_is_settled_with_the_whole_scene() -> None:
+    """Of blocks at rest one is pushed beyond its level from 1 s on: ``v = (3 - 1) (t - 1)``; a drive kinks at 2 s."""
+    law = DryFriction(0.2, 0.1)
+    scene = Scene(
+        Drive("belt", velocity=piecewise_linear([2.0, 3.0], [0.5, 1.5])),
+        *(Body(f"b{i}", inertia=1.0) for i in range(20)),
+        *(Contact(f"c{i}", f"b{i}", GROUND, law, normal=10.0) for i in range(20)),
+        Body("led", inertia=1.0, velocity=0.5),
+        Contact("pad", "led", "belt", law, normal=10.0),
+        Force("b7", piecewise_linear([1.0, 1.0], [0.0, 3.0])),
+        Force("b8", piecewise_linear([1.5, 1.5], [0.0, 1.9])),
+    )
+    with validation.part_by_part():
+        result = simulate(scene, (0.0, 3.0))
+    assert [(e.contact, e.t, e.after) for e in result.events] == [("c7", 1.0, 1)]
+    # b8 stays at rest beyond its break; the whole scene is settled where b7 breaks away, and where the belt kinks
+    assert len(result.trajectory.parts) == 3
+    assert result.velocity("b7")[-1] == pytest.approx(4.0, abs=1e-13)
+    assert result.velocity("led")[-1] == 1.5
+
+
 def test_what_comes_to_rest_in_one_instant_is_settled_together() -> None:
     """All blocks have 1 m/s and are slowed by 1 m/s²: at 1 s the whole scene is settled, not block after block."""
     law = DryFriction(0.1, 0.1)
@@ -523,7 +572,7 @@ def test_patches_that_are_not_kept_are_left_behind(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.slow
 def test_wagons_that_touch_at_rest_start_one_by_one() -> None:
-    """All buffers begin at their limit, but none leaves it then: only the end of the ramp is settled as a whole."""
+    """All buffers begin at their limit, but none leaves it then; beyond the end of the ramp all go on as they were."""
     names, law = [f"w{i}" for i in range(20)], DryFriction(0.02, 0.01)
     scene = Scene(
         *(Body(name, inertia=1.0, position=-1.0 * i) for i, name in enumerate(names)),
@@ -535,7 +584,9 @@ def test_wagons_that_touch_at_rest_start_one_by_one() -> None:
         Force("w0", piecewise_linear([0.0, 1.0, 4.0], [0.0, 4.0, 4.0])),
     )
     local, _ = both(scene, 4.0)
-    assert [type(part) for part in local.trajectory.parts] == [Patchwork, Patchwork]
+    assert [type(part) for part in local.trajectory.parts] == [Patchwork]
+    # a break begins a piece, as an event does
+    assert 1.0 in local.trajectory.starts
     assert local.mode("g0")[-1] == Mode.FORWARD
 
 

@@ -21,6 +21,7 @@ from stickslip.engines.part_by_part.prescribed import Prescribed
 from stickslip.engines.work import Work
 from stickslip.equations.algebra.polynomials import powers, shifted
 from stickslip.equations.forest import Forest, spans
+from stickslip.equations.loads.loads import Segment
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -45,7 +46,7 @@ class Patch(NamedTuple):
 
 
 class Parts:
-    """All series of a scene between two breaks of its loads.
+    """All series of a scene, and the loads between two breaks.
 
     Parameters
     ----------
@@ -105,8 +106,6 @@ class Parts:
         elastic.begin(equations.regions)
         # whether couplings or sines act on every body, whatever gaps do
         self._all_bend = bool((forest.coupled | prescribed.feels_sines).all())
-        self._given = prescribed.force.copy()
-        self._given[:, 0] += self.elastic.constant
         # bodies at gaps to drives
         self._led = np.zeros(n, dtype=bool)
         self._led[forest.child[forest.gaps[forest.drive[forest.gaps] >= 0]]] = True
@@ -131,8 +130,34 @@ class Parts:
         self.moves_aside = bool(self._is_loose.any())
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
         self._any_dwells = bool(self.dwells.any())
+        self._enter_forces()
+
+    def _enter_forces(self) -> None:
+        """Enter the loads, the constant parts of the forces of gaps, and friction among the forces on all bodies."""
+        self._given = self.prescribed.force.copy()
+        self._given[:, 0] += self.elastic.constant
         self._force = self._given.copy()
-        self.enter_friction(np.arange(n))
+        self.enter_friction(np.arange(self.forest.n))
+
+    def go_on(self, before: Segment, after: Segment, changes: Indices) -> Mask | None:
+        """Go on beyond a break of the loads; return the bodies that feel it (n,).
+
+        The rows that change are pressed no longer, or from there on. None, and nothing has changed, where sines or
+        drives do.
+        """
+        felt = self.prescribed.go_on(before, after)
+        if felt is None:
+            return None
+        self.stop = self.series_end = self.prescribed.stop
+        self.renewed_at = after.start
+        self.mode[changes] = np.where(self.mode[changes] == OPEN, self.label[changes], OPEN)
+        self.opens = bool((self.mode == OPEN).any())
+        self._enter_forces()
+        rows, found = felt[: self.forest.m], felt[self.forest.m :]
+        rows[changes] = True
+        ends = np.concatenate([self.forest.child[rows], self.forest.parent[rows]])
+        found[ends[ends >= 0]] = True
+        return found
 
     @property
     def is_bent(self) -> Mask:

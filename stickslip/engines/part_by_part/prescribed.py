@@ -9,20 +9,23 @@ import numpy as np
 
 from stickslip.engines.part_by_part.sine_shares import LinesWithSines, SineShares
 from stickslip.equations.forest import Forest
+from stickslip.equations.guards.at_start import ROUNDOFF
 from stickslip.equations.loads.drives import Drives
+from stickslip.equations.loads.loads import Segment
 from stickslip.equations.motion import Motion
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 
 
 class Prescribed:
     """Normal forces, drives, and forces on bodies between two breaks of the loads.
 
-    The inputs of the motion must be straight but for sines; `acts` are the forces on bodies from inputs.
+    The inputs of the motion must be straight but for sines; `acts` are the forces on bodies from inputs. `go_on` leads
+    beyond a break at which only forces and normal forces change.
 
     Attributes
     ----------
     start, stop : float
-        The time span.
+        The time span between the breaks.
     has_series : bool
         Whether springs, dampers or sines move bodies: else all is a polynomial.
     unit : float
@@ -48,28 +51,52 @@ class Prescribed:
 
     def __init__(self, forest: Forest, motion: Motion, acts: Any) -> None:
         system = motion.system
-        self.start, self.stop = motion.t, motion.segment.stop
+        self._system, self._acts = system, acts
         self._find_sines(forest, motion, acts)
         self.has_series = forest.is_coupled or self.has_sines
-        self.unit = forest.unit if self.has_series else self.stop - self.start
+        self.unit = forest.unit if self.has_series else motion.segment.stop - motion.t
         self._terms = forest.order + 1
         q, slope = motion.segment.taylor(motion.t, 1, sines=False)
-        self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
-        self.normals = LinesWithSines(self.normal, motion.t, self.rows, self.unit, self._terms)
         start = np.zeros(system.drives)
         start[system.carried] = motion.y[system.carried_state]
         u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
         self.drives = Drives(start, u, motion.t, self._drives.sines)
         self.drive_velocities = LinesWithSines(u, motion.t, self._drives, self.unit, self._terms)
-        self.drive_size = np.abs(u[:, 0]) + self._drives.sizes
+        self._enter(motion.t, motion.segment.stop, q, slope)
+
+    def _enter(self, t: float, stop: float, q: Array, slope: Array) -> None:
+        """Enter forces and normal forces from a time on, from the inputs there without sines and their slopes."""
+        system, acts = self._system, self._acts
+        self.start, self.stop = t, stop
+        self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
+        self.normals = LinesWithSines(self.normal, t, self.rows, self.unit, self._terms)
+        d, (v, a) = t - self.drives.since, self.drives.velocity.T
+        self.drive_size = np.abs(v + d * a) + self._drives.sizes
         self.force = np.zeros((system.n, 3))
         self.force[:, 0], self.force[:, 1] = acts @ q[: system.inputs], acts @ slope[: system.inputs]
-        if system.carried.size:
+        if (carried := system.carried).size:
             # springs to drives
             pulls = system.C[:, system.carried_state]
-            self.force[:, 0] += pulls @ motion.y[system.carried_state]
-            self.force[:, 1] += pulls @ u[system.carried, 0]
-            self.force[:, 2] += pulls @ (0.5 * u[system.carried, 1])
+            self.force[:, 0] += pulls @ (self.drives.start + d * (v + 0.5 * d * a))[carried]
+            self.force[:, 1] += pulls @ (v + d * a)[carried]
+            self.force[:, 2] += pulls @ (0.5 * a)[carried]
+
+    def go_on(self, before: Segment, after: Segment) -> Mask | None:
+        """Go on beyond a break of the loads; return which normal forces and which bodies' forces change (m + n,).
+
+        None, and nothing has changed, where sines or velocities of drives are others.
+        """
+        system, t = self._system, after.start
+        own, others = before.sines, after.sines
+        if not (np.array_equal(own.entry, others.entry) and np.array_equal(own.numbers, others.numbers)):
+            return None
+        line = before.line(t)
+        jumps = np.abs(after.value - line) > ROUNDOFF * (np.abs(after.value) + np.abs(line))
+        changes = jumps | (after.slope != before.slope)
+        if system.drive_velocities(changes).any() or system.drive_accelerations(changes).any():
+            return None
+        self._enter(t, after.stop, after.value, after.slope)
+        return np.concatenate([changes[: system.m], abs(self._acts) @ changes[: system.inputs] > 0])
 
     def _find_sines(self, forest: Forest, motion: Motion, acts: Any) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""
@@ -114,7 +141,7 @@ class Prescribed:
             return 0.0, 0.0
         start, slope = self.drives.velocity[k].tolist()
         v, a = self._drives.series(np.array([k]), t, 2, 1.0)[0].tolist() if self._drives.has_any else (0.0, 0.0)
-        return start + (t - self.start) * slope + v, slope + a
+        return start + (t - self.drives.since) * slope + v, slope + a
 
     def drive_series(self, t: float) -> Array:
         """Return the velocities of all drives as series about `t`, as long as those of bodies."""

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.equations.algebra.floats import Columns
+from stickslip.equations.loads.lines import Lines
 from stickslip.equations.loads.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array
 from stickslip.model.crossings import INSIDE
@@ -81,8 +82,11 @@ class Loads:
         self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
         self.size = len(signals) + len(rates) + 1
         self.period = min((time_scale(s, stop - start) for s in self._signals), default=math.inf)
-        self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
-        if stepped and self._changing and math.isinf(self.period):
+        changing = [(i, s) for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
+        lines = [(i, s) for i, s in changing if isinstance(s, PiecewiseLinear) and not stepped]
+        self._lines, self._lines_at = Lines([s for _, s in lines]), np.array([i for i, _ in lines], dtype=np.intp)
+        self._other = [i for i, s in changing if stepped or not isinstance(s, PiecewiseLinear)]
+        if stepped and changing and math.isinf(self.period):
             self.period = (stop - start) / 10
         self.breaks_of = [(s.points if generic else s.breaks)(start, stop) for s in self._signals]
         breaks = _apart(self._jumps() if stepped else {b for own in self.breaks_of for b in own})
@@ -139,9 +143,13 @@ class Loads:
         value, slope = self._constant.copy(), np.zeros(self.size)
         sines: list[tuple[int, float, float, float]] = []
         functions: list[tuple[int, Signal]] = []
+        value[self._lines_at], slope[self._lines_at] = self._lines.at(t)
+        # the acceleration of a drive is the slope of its velocity
         count = len(self._signals)
         place_of_rate = {i: count + k for k, i in enumerate(self._rates)}
-        for i in self._changing:
+        for i, k in place_of_rate.items():
+            value[k] = slope[i]
+        for i in self._other:
             signal = self._signals[i]
             rate = place_of_rate.get(i)
             if self._stepped:
