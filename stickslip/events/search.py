@@ -23,6 +23,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9  # part of the largest relative acceleration below which a row does not move along
 _MOST_TRIALS = 1000
+_PATIENCE = 750  # trials after which rows are no longer let go one after another
 
 
 class Search:
@@ -47,6 +48,7 @@ class Search:
         self._at_level, self._velocity_uncertainty = now.at_level(system), velocity_uncertainty
         self._sides = np.zeros(system.m, dtype=np.int8) if now.sides is None else now.sides.copy()
         self._tried: list[Modes] = []
+        self._place_of: dict[bytes, int] = {}
 
     def at_rest(self, labels: Modes) -> Mask:
         """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
@@ -63,6 +65,7 @@ class Search:
         if motion.equations.balance.has_loops:
             self._divide()
         while len(self._tried) < _MOST_TRIALS:
+            self._place_of.setdefault(trial.astype(np.int8).tobytes(), len(self._tried))
             self._tried.append(trial)
             following = self._improved(trial, motion, guards)
             if following is None:
@@ -94,15 +97,12 @@ class Search:
 
         Then releasing one row after another has run in a circle, in the parts that have changed since. There rows share
         what they hold, beginning from the first trial, in which all rows are held that may be held. If these modes have
-        been tried, too, the modes by least constraint are tried.
+        been tried, too, the modes by least constraint are tried: also once where many trials have led nowhere.
         """
         if (since := self._place(following)) is None:
-            return following
-        turns, first = np.array(self._tried[since:]), self._tried[0]
-        parts = list(enumerate(self._rows_of))
-        circling = [part for part, own in parts if (turns[:, own] != following[own]).any()]
-        circling = circling or list(range(len(parts)))
-        start = self._reset(following, first, circling)
+            return self._at_once(following) if len(self._tried) == _PATIENCE else following
+        circling = self._circling(following, since) or list(range(len(self._rows_of)))
+        start = self._reset(following, self._tried[0], circling)
         following = self._shared(start, circling)
         if self._place(following) is None:
             return following
@@ -114,9 +114,20 @@ class Search:
             raise Inconsistent(self._candidates_of(circling))
         return following
 
+    def _at_once(self, following: Modes) -> Modes:
+        """Return modes by least constraint in the parts in which trials go on, unless these have been tried."""
+        changing = self._circling(following, len(self._tried) // 2)
+        found = self._least_constrained(self._reset(following, self._tried[0], changing), changing)
+        return found if self._place(found) is None else following
+
+    def _circling(self, following: Modes, since: int) -> list[int]:
+        """Return the parts in which modes have changed from a trial on."""
+        turns = np.array(self._tried[since:])
+        return [part for part, own in enumerate(self._rows_of) if (turns[:, own] != following[own]).any()]
+
     def _place(self, trial: Modes) -> int | None:
         """Return the place of modes among those tried before, None if they are new."""
-        return next((k for k, one in enumerate(self._tried) if (one == trial).all()), None)
+        return self._place_of.get(trial.astype(np.int8).tobytes())
 
     def _reset(self, trial: Modes, first: Modes, parts: list[int]) -> Modes:
         """Return the modes of a trial, with those of the `first` one in some parts."""

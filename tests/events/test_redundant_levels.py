@@ -34,6 +34,7 @@ from stickslip import (
     sine,
 )
 from stickslip.equations import forest
+from stickslip.events import search
 from stickslip.results.patchwork import Patchwork
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
@@ -723,3 +724,42 @@ def test_a_level_that_grows_from_0_beside_a_gear_is_carried_at_rest(way: dict[st
     assert not result.events and (result.mode("c2") == 0).all()
     assert result.force("c2") == pytest.approx(0.5 * result.t, rel=1e-12, abs=1e-15)
     assert result.force("g") == pytest.approx(-1.5 * result.t, rel=1e-12, abs=1e-15)
+
+
+def test_a_long_row_of_loops_settles_though_one_row_after_another_would_take_too_many_trials(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """40 blocks at the speed of a belt on which they stand, each pressed on the next one, and drawn by springs.
+
+    Where all obey their laws: ``m a = F - G^T r``, no held row beyond its level, and what moves does so against its
+    kinetic force. One after another the rows need 280 trials here, and from 80 blocks on more than are made.
+    """
+    monkeypatch.setattr(search, "_PATIENCE", 60)
+    monkeypatch.setattr(search, "_MOST_TRIALS", 120)
+    count, law, numbers = 40, DryFriction(0.35, 0.2), range(40)
+    x = np.array([0.5 + 0.5 * math.sin(7.3 * i) for i in numbers])
+    scene = Scene(
+        Drive("belt", velocity=0.3),
+        *(Body(f"b{i}", inertia=1.0, velocity=0.3, position=float(x[i])) for i in numbers),
+        *(Contact(f"f{i}", f"b{i}", "belt", law, normal=5.0) for i in numbers),
+        *(Contact(f"l{i}", f"b{i}", f"b{i + 1}", law, normal=0.5) for i in numbers[:-1]),
+        *(Spring(f"b{i}", GROUND, stiffness=1.0) for i in numbers),
+        *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in numbers[:-1]),
+    )
+    result = simulate(scene, (0.0, 1e-6), t_eval=[0.0])
+    on_belt, between = (np.array([result.force(f"{kind}{i}")[0] for i in own]) for kind, own in rows_of(count))
+    stuck, joined = (np.array([result.mode(f"{kind}{i}")[0] for i in own]) for kind, own in rows_of(count))
+    pull = -x + np.append(3.0 * np.diff(x), 0.0) - np.append(0.0, 3.0 * np.diff(x))
+    a = pull - on_belt - np.append(between, 0.0) + np.append(0.0, between)
+    for force, mode, normal, along in ((on_belt, stuck, 5.0, a), (between, joined, 0.5, -np.diff(a))):
+        held = mode == 0
+        assert np.abs(force[held]).max() <= 0.35 * normal * (1 + 1e-12)
+        assert np.abs(along[held]).max() < 1e-12
+        assert np.abs(force[~held] - 0.2 * normal * mode[~held]).max() < 1e-14
+        assert (along * mode)[~held].min() > 0
+        assert 0 < held.sum() < held.size
+
+
+def rows_of(count: int) -> list[tuple[str, range]]:
+    """Return the contacts of blocks on a belt and between each other: the beginning of their names, and numbers."""
+    return [("f", range(count)), ("l", range(count - 1))]

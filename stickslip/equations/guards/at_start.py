@@ -164,12 +164,17 @@ class GuardsAtStart(GuardValues):
             return rough, 0.0
         # where a load is a function, its slopes have the roundoff of the time, too
         near = self._majorant_at_exact_time if motion.segment.is_straight or motion.is_linear else majorant
-        given, majorant_1 = self._given_at_level(i), float(near[1, i])
+        majorant_1, second = float(near[1, i]), AT_LIMIT * float(near[2, i]) + rough[1]
+        most = AT_LIMIT * majorant_1 + rough[0]
+        if not has_fired and abs(self.first[1, i]) > most:
+            # it moves, whatever its level gives
+            return [most, second], 0.0
+        given = self._given_at_level(i)
         found_at = _AS_FIRED * given if has_fired else 0.0
         # A row whose force is beyond its level is not held. Then its acceleration must count as motion, even if it is
         # small: otherwise neither mode is allowed.
         first = max(AT_LIMIT * (min(majorant_1, given) or majorant_1), found_at) + rough[0]
-        return [first, AT_LIMIT * float(near[2, i]) + rough[1]], 0.0
+        return [first, second], 0.0
 
     def _is_torn_if_held(self, row: int) -> bool:
         """Tell whether drives would tear rows if a row were held, too: then no level decides whether it is."""
