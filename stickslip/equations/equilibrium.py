@@ -16,14 +16,23 @@ class Equilibrium:
     """Where the bodies of one set of modes come to rest on their springs.
 
     By ``M d'' + K d = 0``, for the distances d from the equilibrium, no body is ever farther away than
-    ``|d_i| <= sqrt(2 E (K^-1)_ii)`` with ``2 E = d' M d' + r K^-1 r``, where r are the forces that do not cancel.
-    Dampers only take energy away. None of these bounds is known where K is not positive definite.
+    ``|d_i| <= sqrt(2 E (K^-1)_ii)`` with ``2 E = d' M d' + r K^-1 r``, where r are the forces that do not cancel, and E
+    is the energy of all bodies that springs, dampers and held rows join to this one. Dampers only take energy away.
+    None of these bounds is known where K is not positive definite.
     """
 
     def __init__(self, inertia: Array, T: Array, by_place: Array, by_speed: Array) -> None:
         """Take the forces on the bodies by places and speeds of all, and T from the independent bodies to all."""
         self._inertia, self._T = inertia, T
         stiffness, damping = -T.T @ by_place @ T, -T.T @ by_speed @ T
+        joined = (stiffness != 0) | (damping != 0) | ((T.T * inertia) @ T != 0)
+        self._count, self._part = scipy.sparse.csgraph.connected_components(
+            scipy.sparse.csr_array(joined), directed=False
+        )
+        # a body whose velocity none decides is at rest
+        self._part_of_body = self._part[np.abs(T).argmax(axis=1)] if T.shape[1] else np.zeros(len(T), dtype=np.intp)
+        # each of the bodies of a part adds its roundoff to the energy of all
+        self._limit = _ROUNDOFF * np.sqrt(np.bincount(self._part, minlength=self._count))[self._part]
         self._stiffness = np.diag(stiffness)
         self._compliance = _inverse(stiffness) if _takes_energy(damping) else None
 
@@ -41,9 +50,10 @@ class Equilibrium:
             return None
         left = self._T.T @ (self._inertia * accelerations)
         away = self._compliance @ left
-        energy = max(float(speeds @ (self._inertia * speeds) + left @ away), 0.0)
-        farthest = np.sqrt(energy * np.diag(self._compliance))
-        if (farthest * self._stiffness > _ROUNDOFF * np.abs(self._T.T) @ terms).any():
+        energy = np.bincount(self._part, left * away, self._count)
+        energy += np.bincount(self._part_of_body, self._inertia * speeds**2, self._count)
+        farthest = np.sqrt(np.maximum(energy, 0.0)[self._part] * np.diag(self._compliance))
+        if (farthest * self._stiffness > self._limit * (np.abs(self._T.T) @ terms)).any():
             return None
         found: Array = self._T @ away
         return found

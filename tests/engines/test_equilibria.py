@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -203,6 +204,24 @@ def test_many_bodies_that_have_come_to_rest_wait_at_no_cost(count: int) -> None:
     for i in range(count):
         at = result.sample([0.5 * wait, wait + 10.0]).position(f"m{i}")
         np.testing.assert_allclose(at, [-g / k, (-g + (i == 3)) / k], rtol=1e-13)
+
+
+@pytest.mark.parametrize("links", [0.0, 2.0])
+@pytest.mark.parametrize("count", [15, 40, 100])
+def test_many_bodies_that_slip_on_a_belt_wait_at_no_cost(count: int, links: float) -> None:
+    """Each comes to ``x = mu N / k`` on its spring; springs between neighbours are slack there."""
+    scene = Scene(
+        Drive("belt", velocity=10.0),
+        *(Body(f"m{i}", inertia=1.0, velocity=math.sin(7.3 * i)) for i in range(count)),
+        *(Spring(f"m{i}", GROUND, stiffness=1.0, damping=0.1) for i in range(count)),
+        *(Spring(f"m{i}", f"m{i + 1}", stiffness=links, damping=0.1) for i in range(count - 1) if links),
+        *(Contact(f"c{i}", f"m{i}", "belt", DryFriction(0.35, 0.2), normal=5.0) for i in range(count)),
+    )
+    result = simulate(scene, (0.0, 100 * LONG), t_eval=[0.0, 100 * LONG])
+    assert result.stats["steps"] < 4000
+    for i in range(count):
+        assert result.position(f"m{i}")[-1] == pytest.approx(1.0, abs=1e-13)
+        assert result.velocity(f"m{i}")[-1] == 0.0
 
 
 def test_what_comes_to_rest_beside_a_moving_belt_stays_there() -> None:
