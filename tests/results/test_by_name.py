@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, simulate, triangle
+from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, piecewise_linear, simulate, triangle
 from stickslip.benchmark import flywheel_chain
 from stickslip.results import samples
 
@@ -50,7 +50,13 @@ def test_reading_one_by_one_is_reading_a_table(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_a_position_that_is_no_state_is_read_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = flywheel_chain(30)
+    """Where the belt kinks the whole scene is settled: there is a second patchwork from there on."""
+    scene = Scene(
+        *flywheel_chain(30).elements,
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
+        Body("led", inertia=1.0),
+        Contact("pad", "led", "belt", DryFriction(0.5, 0.3), normal=10.0),
+    )
     table = simulate(scene, (0.0, 4.0))
     monkeypatch.setattr(samples, "_WIDE", 0)
     one = simulate(scene, (0.0, 4.0))
