@@ -465,9 +465,14 @@ def _print_run(result: Result) -> None:
 
 def _check_files(outputs: Mapping[str, str | None]) -> None:
     for kind, path in outputs.items():
-        if path and not Path(path).resolve().parent.is_dir():
+        if not path:
+            continue
+        # a name may be too long to look for
+        with _refusals(f"--{kind} {path}: "):
+            has_folder, is_folder = Path(path).resolve().parent.is_dir(), Path(path).is_dir()
+        if not has_folder:
             raise _BadInput(f"--{kind} {path}: there is no folder {Path(path).parent}; make it first")
-        if path and Path(path).is_dir():
+        if is_folder:
             raise _BadInput(f"--{kind} {path}: this is a folder; name a file")
     figure = outputs.get("plot") or ""
     # the usual ones are known without loading matplotlib

@@ -86,7 +86,8 @@ def values_of(text: str) -> list[float]:
         if rest not in ([], ["log"]) or not 1 <= int(count) <= _MOST:
             raise ValueError
         ends = float(start), float(stop)
-        spaced = np.geomspace(*ends, int(count)) if rest else np.linspace(*ends, int(count))
+        with np.errstate(all="ignore"):
+            spaced = np.geomspace(*ends, int(count)) if rest else np.linspace(*ends, int(count))
     except ValueError:
         raise ValueError(
             f"{text!r} lists no values, or more than {_MOST:g}; "
