@@ -154,25 +154,15 @@ class Local:
     def _loop(self) -> Ending:
         parts = self._parts
         due, is_root = self._next_roots.when, self._next_roots.is_root
-        tie = _TIE * parts.unit
+        tie = self._tie
         while not self._interruption.pressed:
             j = int(due.argmin()) if due.size else 0
             t = float(due[j]) if due.size else parts.stop
             if t >= parts.series_end:
-                if self._stops_until(parts.series_end):
-                    return self._ending(self._seen, _NONE, False)
-                if parts.series_end >= parts.stop:
-                    if not self._goes_on():
-                        return self._ending(parts.stop, _NONE, False)
-                    if self._bad.size or self._opened.size:
-                        return self._ending(parts.renewed_at, _NONE, self._any_gap(self._bad))
-                    tie = _TIE * max(parts.unit, parts.stop - parts.renewed_at)
-                    continue
-                self._renew(parts.series_end)
-                if self._bad.size or self._opened.size:
-                    return self._ending(parts.renewed_at, self._bad, self._any_gap(self._bad))
-                if self._looks_at_rest():
-                    return self._ending(parts.renewed_at, _NONE, False)
+                ending = self._beyond_series()
+                if ending is not None:
+                    return ending
+                tie = self._tie
                 continue
             if not is_root[j]:
                 self._next_roots.refine(j)
@@ -199,6 +189,27 @@ class Local:
             if self._bad.size:
                 return self._ending(t, _NONE, True)
         return self._ending(self._last, _NONE, False)
+
+    @property
+    def _tie(self) -> float:
+        """How near to each other events have to come in s to be settled together; polynomials last to the break."""
+        parts = self._parts
+        return _TIE * (parts.unit if parts.has_series else parts.stop - parts.renewed_at)
+
+    def _beyond_series(self) -> Ending | None:
+        """Go on where series end: renew them, or go on beyond a break of the loads; an ending where that cannot be."""
+        t, is_break = self._parts.series_end, self._parts.series_end >= self._parts.stop
+        if self._stops_until(t):
+            return self._ending(self._seen, _NONE, False)
+        if is_break and not self._goes_on():
+            return self._ending(t, _NONE, False)
+        if not is_break:
+            self._renew(t)
+        if self._bad.size or self._opened.size:
+            return self._ending(t, _NONE if is_break else self._bad, self._any_gap(self._bad))
+        if not is_break and self._looks_at_rest():
+            return self._ending(t, _NONE, False)
+        return None
 
     def _stops_until(self, t: float) -> bool:
         """Note the events of the user up to a change at time `t`, and tell whether one stops the run before it."""
