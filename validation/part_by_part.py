@@ -245,6 +245,20 @@ def with_schedules(scene: Scene, seed: int) -> Scene:
     return Scene(*elements)
 
 
+def with_breaks_at_events(scene: Scene, seed: int) -> Scene:
+    """Return a scene in which loads jump in the instant of events of the scene without them, or as near as can be."""
+    rng = np.random.default_rng(seed + 9000)
+    with as_a_whole():
+        events = [e for e in simulate(scene, (0.0, STOP)).events if 0.05 < e.t < STOP - 0.05]
+    bodies, contacts = {body.name for body in scene.bodies}, {one.name: one for one in scene.contacts}
+    forces = []
+    for k in rng.choice(len(events), min(3, len(events)), replace=False).tolist() if events else []:
+        one, t = contacts[events[k].contact], events[k].t * (1.0 + float(rng.choice([0.0, 0.0, 0.0, 1e-15, -1e-15])))
+        body = one.a if one.a in bodies else one.b
+        forces.append(Force(body, piecewise_linear([t, t], [0.0, float(rng.choice([-2.0, 0.5, 2.0]))])))
+    return Scene(*scene.elements, *forces)
+
+
 def even_chain(seed: int) -> Scene:
     """Return equal bodies in a row with gaps between them: many touch at the start, and much happens at once."""
     rng = np.random.default_rng(seed)
@@ -372,6 +386,12 @@ def trees_with_schedules(number: int) -> Scene:
     return with_schedules(trees_with_gaps(number) if number % 3 == 0 else random_forest(number), number)
 
 
+def trees_with_breaks_at_events(number: int) -> Scene:
+    """Return trees, every second one with schedules, with breaks at their events."""
+    scene = random_forest(number)
+    return with_breaks_at_events(scene if number % 2 else with_schedules(scene, number), number)
+
+
 @dataclass(frozen=True)
 class Family:
     """How scenes are drawn, and with which options of `difference` and events of the user they are compared.
@@ -412,6 +432,7 @@ FAMILIES = {
         ALMOST_TOGETHER,
     ),
     "schedules": Family("trees whose loads and normal forces come and go", trees_with_schedules),
+    "instants": Family("trees whose loads jump in the instants of events", trees_with_breaks_at_events),
     "followers": Family("trees with forces that follow other bodies", trees_with_followers, {"knots": True}),
     "machines": Family(
         "trees beside machines: ties, levers, stops, clutches, loops",

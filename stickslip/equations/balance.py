@@ -267,6 +267,7 @@ class Components:
 
     def are_torn(self, rows: Indices) -> bool:
         """Tell whether drives that move apart tear some rows that are connected."""
+        # a tree cannot be torn; small components are remembered anyway
         is_tree = rows.size > _SMALL and _Tree.of(self._inertia, self._G[rows], self._D[rows]) is not None
         return not is_tree and self.component(rows).parting is not None
 

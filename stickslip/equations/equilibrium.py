@@ -25,14 +25,17 @@ class Equilibrium:
         """Take the forces on the bodies by places and speeds of all, and T from the independent bodies to all."""
         self._inertia, self._T = inertia, T
         stiffness, damping = -T.T @ by_place @ T, -T.T @ by_speed @ T
-        joined = (stiffness != 0) | (damping != 0) | ((T.T * inertia) @ T != 0)
+        # bodies that follow two of the independent ones join these, too
+        shape = T != 0
+        joined = (stiffness != 0) | (damping != 0) | (shape.T @ shape)
         self._count, self._part = scipy.sparse.csgraph.connected_components(
             scipy.sparse.csr_array(joined), directed=False
         )
-        # a body whose velocity none decides is at rest
-        self._part_of_body = self._part[np.abs(T).argmax(axis=1)] if T.shape[1] else np.zeros(len(T), dtype=np.intp)
         # each of the bodies of a part adds its roundoff to the energy of all
         self._limit = _ROUNDOFF * np.sqrt(np.bincount(self._part, minlength=self._count))[self._part]
+        # all others are at rest
+        self._moving = shape.any(axis=1).nonzero()[0]
+        self._part_of_moving = self._part[shape[self._moving].argmax(axis=1)] if self._moving.size else self._moving
         self._stiffness = np.diag(stiffness)
         self._compliance = _inverse(stiffness) if _takes_energy(damping) else None
 
@@ -50,8 +53,10 @@ class Equilibrium:
             return None
         left = self._T.T @ (self._inertia * accelerations)
         away = self._compliance @ left
-        energy = np.bincount(self._part, left * away, self._count)
-        energy += np.bincount(self._part_of_body, self._inertia * speeds**2, self._count)
+        kinetic = (self._inertia * speeds**2)[self._moving]
+        energy = np.zeros(self._count)
+        np.add.at(energy, self._part, left * away)
+        np.add.at(energy, self._part_of_moving, kinetic)
         farthest = np.sqrt(np.maximum(energy, 0.0)[self._part] * np.diag(self._compliance))
         if (farthest * self._stiffness > self._limit * (np.abs(self._T.T) @ terms)).any():
             return None

@@ -595,9 +595,9 @@ class System:
     def _numbered(self, held: bytes) -> tuple[Indices, Indices, Indices]:
         """Return held rows, the number of the component of each, and that of each body, -1 where nothing holds it."""
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-        G = self.G[rows].tocoo()
-        number, of_body = component_numbers(self.G[rows]), np.full(self.n, -1)
-        of_body[G.col] = number[G.row]
+        G = self.G[rows]
+        number, of_body = component_numbers(G), np.full(self.n, -1)
+        of_body[G.indices] = number.repeat(np.diff(G.indptr))
         return rows, number, of_body
 
     def with_held(self, y: Array, u: Array, held: Mask) -> Array:

@@ -49,6 +49,7 @@ class Search:
         self._sides = np.zeros(system.m, dtype=np.int8) if now.sides is None else now.sides.copy()
         self._tried: list[Modes] = []
         self._place_of: dict[bytes, int] = {}
+        self._is_patient = True
 
     def at_rest(self, labels: Modes) -> Mask:
         """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
@@ -100,7 +101,10 @@ class Search:
         been tried, too, the modes by least constraint are tried: also once where many trials have led nowhere.
         """
         if (since := self._place(following)) is None:
-            return self._at_once(following) if len(self._tried) == _PATIENCE else following
+            if self._is_patient and len(self._tried) >= _PATIENCE:
+                self._is_patient = False
+                return self._at_once(following)
+            return following
         circling = self._circling(following, since) or list(range(len(self._rows_of)))
         start = self._reset(following, self._tried[0], circling)
         following = self._shared(start, circling)

@@ -314,6 +314,9 @@ class Patchwork(PickledByFields):
         """Return what `read` finds for some things at times of pieces, a line each; the times may be in any order."""
         ticks, t, back = self._in_order(piece, t)
         blocks = [read(valid, t) for _, valid in series.in_blocks(ticks, things)]
+        if not blocks:
+            # a scene without rows
+            return read(series.valid(ticks, things), t)
         found = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         return found[:, back]
 

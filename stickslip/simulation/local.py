@@ -1,8 +1,9 @@
 """The main loop of scenes with many events that reach few bodies: only what an event changes is followed anew.
 
-`Run` settles the whole scene at every event. Here the scene is settled as a whole at the start, at breaks of the loads
-and where several rows are at their limits at once. Every other event is settled within the groups at both ends of its
-row, and only the bodies that it reaches are expanded anew.
+`Run` settles the whole scene at every event. Here the scene is settled as a whole at the start, where several rows are
+at their limits at once, and at breaks of the loads where what rests may begin to move. Every other event is settled
+within the groups at both ends of its row, and only the bodies that it reaches are expanded anew. So are the bodies that
+feel a break.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.watching import Failed, Watch
 
-# Events that come this near to each other, in units of time of the series, are settled together.
+# Events that come this near to each other may be in one instant: a part of the unit of time of the series, or of the
+# time between breaks where motions are polynomials.
 _TIE = 1e-11
 
 _MOST_AT_ONCE = 4  # borders that gaps may pass in one instant before the whole scene is settled
@@ -63,8 +65,15 @@ class Local:
 
     Where the recorder keeps only outputs, series are handed over to it from time to time and then forgotten. The
     timeline notes every event, and the user's events are looked for between these. A row that moves without friction
-    may relax to rest within the `margin`: there the whole scene is followed. `now` is the motion that is followed, from
-    the last break of the loads on, in the modes with which it began.
+    may relax to rest within the `margin`: there the whole scene is followed.
+
+    Attributes
+    ----------
+    now : Settled
+        The motion that is followed, from the last break of the loads on. Its modes are those of the start: `modes` has
+        those that hold now.
+    most_guards : int
+        The largest number of guards so far.
     """
 
     def __init__(
@@ -167,7 +176,7 @@ class Local:
             if not is_root[j]:
                 self._next_roots.refine(j)
                 continue
-            near = (due <= t + tie).nonzero()[0]
+            near = (due <= t + max(tie, TOGETHER * abs(t))).nonzero()[0]
             if near.size > 1:
                 rough = near[~is_root[near]]
                 for k in rough.tolist():
@@ -192,7 +201,7 @@ class Local:
 
     @property
     def _tie(self) -> float:
-        """How near to each other events have to come in s to be settled together; polynomials last to the break."""
+        """How near to each other events have to come in s to be in one instant."""
         parts = self._parts
         return _TIE * (parts.unit if parts.has_series else parts.stop - parts.renewed_at)
 
@@ -236,16 +245,16 @@ class Local:
         """Go on beyond a break of the loads; False where the whole scene is to be settled there.
 
         Forces and normal forces may change there: a contact that moves and is pressed from then on slips, and one that
-        is no longer pressed goes on without friction.
+        is no longer pressed goes on without friction. Rows that the break takes beyond their limits are the `_bad` ones
+        afterwards, as after each expansion.
         """
-        parts, roots, motion, t = self._parts, self._next_roots, self.now.motion, self._parts.stop
+        parts, motion, t = self._parts, self.now.motion, self._parts.stop
         if t >= self._timeline.stop:
             return False
         after, system = self._loads.after(t), motion.system
-        if not self._forest.takes(after):
-            return False
         changes = ((parts.mode == OPEN) == closed_rows(system, after, t, after.at(t))).nonzero()[0]
-        if not self._keeps_moving(changes, t):
+        watched = self._next_roots.moved(np.arange(self._forest.m), t)
+        if not (self._forest.takes(after) and self._can_change(changes) and self._next_roots.all_move(watched, t)):
             return False
         felt = parts.go_on(motion.segment, after, changes)
         if felt is None:
@@ -255,27 +264,23 @@ class Local:
         self.now = replace(self.now, motion=Motion(motion.equations, after, t, parts.state(t), parts.since.copy()))
         self._tick(t, True)
         self._expand_anew(t, felt)
-        self._armed += changes.size - 2 * int(np.count_nonzero(parts.mode[changes] == OPEN))
         self._enter_rows(changes)
+        # the velocity of a contact has a guard while it is pressed
+        opened = int(np.count_nonzero(parts.mode[changes] == OPEN))
+        self._armed += (changes.size - opened) - opened
         # what the other rows watch goes on as before, but has been looked at up to the break only
         others = (parts.row_origin != t).nonzero()[0]
         if others.size:
-            parts.watched[others], parts.row_origin[others] = roots.moved(others, t), t
-            parts.started[others] = False
-            bad = roots.look(others, t, np.zeros(others.size, dtype=bool))
+            parts.watched[others], parts.row_origin[others], parts.started[others] = watched[others], t, False
+            bad = self._next_roots.look(others, t, np.zeros(others.size, dtype=bool))
             self._bad = np.concatenate([self._bad, bad])
         self._count_guards()
         return True
 
-    def _keeps_moving(self, changes: Indices, t: float) -> bool:
-        """Tell whether rows that a break presses, or no longer presses, move, and all open rows do."""
-        parts, roots = self._parts, self._next_roots
-        if (parts.opens and not parts.label[parts.mode == OPEN].all()) or (changes.size and self._any_slick):
-            return False
-        if not (self._forest.in_tree[changes].all() and parts.mode[changes].all()):
-            return False
-        w = parts.label[changes] * roots.moved(changes, t)[:, 0]
-        return bool((w > ROUNDOFF * np.array([roots.roundoff_scale(j, t) for j in changes.tolist()])).all())
+    def _can_change(self, rows: Indices) -> bool:
+        """Tell whether rows that move may be pressed, or no longer be pressed, without the whole scene."""
+        is_plain = self._forest.in_tree[rows].all() and self._parts.mode[rows].all()
+        return bool(is_plain) and not (rows.size and self._any_slick)
 
     def _renew(self, t: float) -> None:
         """Expand all bodies anew whose series end at `t`."""

@@ -358,6 +358,80 @@ def test_what_a_break_of_loads_sets_in_motion_is_settled_with_the_whole_scene() 
     assert result.velocity("led")[-1] == 1.5
 
 
+@pytest.mark.parametrize("late", [0.0, 1e-15, -1e-15, -1e-14])
+def test_what_comes_to_rest_at_a_break_of_its_load_stays_at_rest(late: float) -> None:
+    """Block i has ``(i + 1) / 10`` m/s and comes to rest after as many s, at which 1.5 N begin to push: 2 N hold it.
+
+    Those that a break finds at rest but for roundoff are at rest; 1.5 N would move on what slides, against 1 N.
+    """
+    law, speeds = DryFriction(0.2, 0.1), 0.1 * np.arange(1, 21)
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0, velocity=v) for i, v in enumerate(speeds.tolist())),
+        *(Contact(f"c{i}", f"b{i}", GROUND, law, normal=10.0) for i in range(20)),
+        *(Force(f"b{i}", piecewise_linear([v + late, v + late], [0.0, 1.5])) for i, v in enumerate(speeds.tolist())),
+    )
+    result = simulate(scene, (0.0, 5.0))
+    assert [(e.contact, e.after) for e in result.events] == [(f"c{i}", 0) for i in range(20)]
+    assert [e.t for e in result.events] == pytest.approx(speeds, rel=1e-13)
+    assert not result.y[:20, -1].any()
+
+
+@pytest.mark.parametrize("part", np.linspace(0.4, 1.9, 4).tolist())
+@pytest.mark.parametrize("pace, start", [(1.0, 1e5), (1.0, 1e6), (1.0, 1e7), (1e-3, 1e3)])
+def test_what_comes_to_rest_in_one_instant_late_in_a_run_does_so_once(pace: float, start: float, part: float) -> None:
+    """Block b slides on a, and a on the ground, eight times mirrored: all come to rest after ``T = part pace`` s.
+
+    ``m_b v_b / T`` brakes b, and that on top of ``m_a v_a / T`` brakes a. The time is rounded to 1e-16 of itself, so
+    velocities at that time are by far more than roundoff.
+    """
+    law, time, begin = DryFriction(0.15, 0.1), part * pace, start * (0.5 + part / 4)
+    slow, fast = 0.9 * pace, 1.7 * pace
+    on_top = 1.3 * fast / time
+    elements = list[Any]()
+    for i in range(16):
+        side = (-1) ** i
+        elements += [
+            Body(f"a{i}", inertia=0.8, velocity=side * slow),
+            Body(f"b{i}", inertia=1.3, velocity=side * fast),
+            Contact(f"ground{i}", f"a{i}", GROUND, law, normal=10 * (0.8 * slow / time + on_top)),
+            Contact(f"top{i}", f"b{i}", f"a{i}", law, normal=10 * on_top),
+        ]
+    result = simulate(Scene(*elements), (begin, begin + 3 * pace))
+    assert len(result.events) == 32
+    assert all(e.after == 0 and abs(e.t - begin - time) <= 2e-15 * begin for e in result.events)
+
+
+@pytest.mark.parametrize("gap", [4e-7, 1e-6, 3e-6])
+def test_gaps_that_close_soon_after_each_other_in_a_long_run_close_one_by_one(gap: float) -> None:
+    """Ball i reaches its wall at ``1 + i gap`` s, and leaves it after ``pi / 2`` s; a load has jumped before."""
+    times = 1.0 + gap * np.arange(20)
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0, velocity=1.0) for i in range(20)),
+        *(Gap(f"g{i}", f"b{i}", GROUND, upper=t, stiffness=4.0) for i, t in enumerate(times.tolist())),
+        Body("block", inertia=1.0, velocity=1e-3),
+        Contact("floor", "block", GROUND, DryFriction(0.1, 0.1), normal=1.0),
+        Force("block", piecewise_linear([0.1, 0.1], [0.0, 0.05])),
+    )
+    result = part_by_part(scene, 1e6)
+    touches = [e for e in result.events if e.cause == "touches"]
+    assert [e.contact for e in touches] == [f"g{i}" for i in range(20)]
+    assert [e.t for e in touches] == pytest.approx(times, rel=1e-14)
+    leaves = [e.t for e in result.events if e.cause == "leaves"]
+    assert leaves == pytest.approx(times + math.pi / 2, rel=1e-13)
+
+
+def test_free_bodies_without_any_row_have_an_energy() -> None:
+    """Body i is pushed from ``1 + i / 10`` s on: ``v = t - 1 - i / 10``."""
+    scene = Scene(
+        *(Body(f"b{i}", inertia=2.0) for i in range(20)),
+        *(Force(f"b{i}", piecewise_linear([1 + 0.1 * i, 1 + 0.1 * i], [0.0, 2.0])) for i in range(20)),
+    )
+    result = part_by_part(scene, 5.0)
+    ledger = result.energy()
+    assert ledger.kinetic[-1] == pytest.approx(sum((4 - 0.1 * i) ** 2 for i in range(20)), rel=1e-14)
+    assert ledger.relative_error < 1e-14
+
+
 def test_what_comes_to_rest_in_one_instant_is_settled_together() -> None:
     """All blocks have 1 m/s and are slowed by 1 m/s²: at 1 s the whole scene is settled, not block after block."""
     law = DryFriction(0.1, 0.1)

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Signal, piecewise_linear, signal, sine, step, triangle
+from stickslip.equations.loads.lines import Lines
 from stickslip.equations.loads.loads import Loads
-from stickslip.model.signals import as_signal
+from stickslip.model.signals import PiecewiseLinear, as_signal
 
 BRAKE = triangle(0.05, 0.10, 0.15, slope=3000) + triangle(0.4, 0.5, 0.6, slope=3000)
 SIGNALS: list[Signal] = [
@@ -256,3 +257,22 @@ def test_a_scene_without_loads() -> None:
     segment = q.after(0.5)
     assert segment.at(0.5).tolist() == [1.0]
     assert segment.is_straight and segment.is_steady and segment.bent.size == 0
+
+
+def test_lines_read_together_are_those_read_one_by_one() -> None:
+    """Before the first point, after the last one, at kinks and jumps, forwards and back: the same to the bit."""
+    rng = np.random.default_rng(5)
+    signals = [
+        PiecewiseLinear((1.0,), (2.5,)),
+        PiecewiseLinear((0.3, 0.3), (-1.0, 4.0)),
+        PiecewiseLinear((-1.0, 0.0, 0.0, 7.0), (1.0, 2.0, -3.0, 0.1)),
+        *(PiecewiseLinear(tuple(np.sort(rng.uniform(-2, 8, 9))), tuple(rng.normal(size=9))) for _ in range(20)),
+    ]
+    lines = Lines(signals)
+    own = [t for signal in signals for t in signal.times]
+    times = [-5.0, 20.0, *own, *own[::-1], *rng.uniform(-3.0, 9.0, 200)]
+    for t in times:
+        values, slopes = lines.at(float(t))
+        assert values.tolist() == [signal.at(float(t)) for signal in signals]
+        assert slopes.tolist() == [signal.slope(float(t)) for signal in signals]
+    assert [one.size for one in Lines([]).at(1.0)] == [0, 0]

@@ -24,7 +24,9 @@ _CLEAR = 1e-9
 # An acceleration above this part of its majorant shows clearly to which side an open row moves.
 _MOVES = 1e-6
 
-_AT_ZERO = 1e-11  # part of its scale below which a guard of another row that comes to 0 is 0, too
+# A guard is 0 together with another one below this part of its size, or if it comes to 0 within this part of the
+# time.
+_AT_ZERO, _SAME_TIME = 1e-11, 1e-14
 
 _STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
 
@@ -165,10 +167,13 @@ class NextRoots:
         parts, elastic = self._parts, self._parts.elastic
         borders, own = elastic.borders(elastic.number[rows])
         factors = self._system.piecewise.border[borders]
+        return self._along(parts.watched[rows][own], factors), self._border_sizes(rows[own], factors), borders, own
+
+    def _border_sizes(self, rows: Indices, factors: Array) -> Array:
+        """Return the majorants of a border of each of some gaps."""
         x, v = self._stretch_majorants(rows)
         stretch, rate, constant = np.abs(factors.T)
-        size = stretch * (x + parts.unit * v)[own] + rate * v[own] + constant
-        return self._along(parts.watched[rows][own], factors), size, borders, own
+        return np.asarray(stretch * (x + self._parts.unit * v) + rate * v + constant)
 
     def _along(self, stretches: Array, factors: Array) -> Array:
         """Return expressions of stretches, their rates and 1 as series."""
@@ -316,27 +321,53 @@ class NextRoots:
                 self._enter(j, g[place], t, span, place, floor)
 
     def at_zero(self, rows: Indices, t: float) -> Mask:
-        """Tell which of some rows have a guard at time `t` that is 0 but for roundoff; gaps count as such."""
+        """Tell which of some rows have a guard that is 0 at time `t`, but for roundoff of the guard and of the time."""
+        found = np.zeros(rows.size, dtype=bool)
+        for place, j in enumerate(rows.tolist()):
+            value, rate, size = self._due_guard(j, t)
+            found[place] = abs(value) <= _AT_ZERO * size + _SAME_TIME * abs(t * rate)
+        return found
+
+    def _due_guard(self, j: int, t: float) -> tuple[float, float, float]:
+        """Return the guard of a row that is due next at time `t`: its value, its rate per second, and its size."""
+        parts, row = self._parts, np.array([j])
+        c = self.moved(row, t)
+        if parts.mode[j] == APART:
+            factors = self._system.piecewise.border[[self._due_border(j)]]
+            g, size = self._along(c, factors)[0], float(self._border_sizes(row, factors)[0])
+        elif parts.mode[j] == 0:
+            side, sign = (0, 1) if self.direction[j] > 0 else (1, -1)
+            level = parts.levels(row, t)[side, 0]
+            g, size = -sign * c[0], self.roundoff_scale(j, t)
+            g[: level.size] += level
+        else:
+            g, size = parts.label[j] * c[0], self.roundoff_scale(j, t)
+            g[0] -= self.near_rest[j]
+        return float(g[0]), float(g[1]) / parts.unit, size
+
+    def _due_border(self, j: int) -> int:
+        """Return the border of its region that a gap comes to next."""
+        elastic = self._parts.elastic
+        return int(elastic.borders(elastic.number[[j]])[0][self.direction[j]])
+
+    def all_move(self, watched: Array, t: float) -> bool:
+        """Tell whether all rows that are not held move at time `t` as their labels say, by more than roundoff.
+
+        `watched` are the series about `t` of what all rows watch.
+        """
         parts = self._parts
-        moved = self.moved(rows, t)[:, 0]
-        sizes = np.array([self.roundoff_scale(j, t) for j in rows.tolist()])
-        value = parts.label[rows] * moved - self.near_rest[rows]
-        held = (parts.mode[rows] == 0).nonzero()[0]
-        if held.size:
-            forward, backward = parts.levels(rows[held], t)[:, :, 0]
-            is_forward = self.direction[rows[held]] > 0
-            value[held] = np.where(is_forward, forward - moved[held], backward + moved[held])
-        return np.asarray((np.abs(value) <= _AT_ZERO * sizes) | (parts.mode[rows] == APART))
+        rows = ((np.abs(parts.mode) == 1) | (parts.mode == OPEN)).nonzero()[0]
+        w, rate = watched[rows, 0], watched[rows, 1] / parts.unit
+        rough = ROUNDOFF * (self._stretch_majorants(rows)[1] + np.abs(rate * t))
+        return bool((parts.label[rows] * w > rough).all())
 
     def crosses(self, j: int, t: float) -> bool:
         """Tell whether a gap clearly goes on beyond the border that it comes to at time `t`; a stop never does."""
         if self._system.is_stop[j]:
             return False
-        row = np.array([j])
-        borders, _ = self._parts.elastic.borders(self._parts.elastic.number[row])
-        border = borders[self.direction[j]]
-        g = self._along(self.moved(row, t), self._system.piecewise.border[[border]])[0]
-        return self._way_out(j, g, int(border), t) < 0
+        border = self._due_border(j)
+        g = self._along(self.moved(np.array([j]), t), self._system.piecewise.border[[border]])[0]
+        return self._way_out(j, g, border, t) < 0
 
     def _enter(self, j: int, g: Array, t: float, span: float, side: int, floor: float, may_touch: bool = False) -> None:
         """Enter the first root of a guard, a polynomial in the time since `t` over `span`, if it is the first one."""

@@ -142,8 +142,8 @@ class Parts:
     def go_on(self, before: Segment, after: Segment, changes: Indices) -> Mask | None:
         """Go on beyond a break of the loads; return the bodies that feel it (n,).
 
-        The rows that change are pressed no longer, or from there on. None, and nothing has changed, where sines or
-        drives do.
+        The rows `changes` are open from there on if they were not, and closed if they were open. None where sines or
+        drives change; then nothing is done.
         """
         felt = self.prescribed.go_on(before, after)
         if felt is None:
@@ -153,11 +153,11 @@ class Parts:
         self.mode[changes] = np.where(self.mode[changes] == OPEN, self.label[changes], OPEN)
         self.opens = bool((self.mode == OPEN).any())
         self._enter_forces()
-        rows, found = felt[: self.forest.m], felt[self.forest.m :]
-        rows[changes] = True
+        pressed_anew, bodies = np.split(felt, [self.forest.m])
+        rows = np.concatenate([pressed_anew.nonzero()[0], changes])
         ends = np.concatenate([self.forest.child[rows], self.forest.parent[rows]])
-        found[ends[ends >= 0]] = True
-        return found
+        bodies[ends[ends >= 0]] = True
+        return bodies
 
     @property
     def is_bent(self) -> Mask:

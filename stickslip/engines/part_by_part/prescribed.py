@@ -25,7 +25,7 @@ class Prescribed:
     Attributes
     ----------
     start, stop : float
-        The time span between the breaks.
+        The time span between two breaks.
     has_series : bool
         Whether springs, dampers or sines move bodies: else all is a polynomial.
     unit : float
@@ -37,14 +37,15 @@ class Prescribed:
     bends_with : array (d + 2,) of bool
         Whether a body need not follow a polynomial, for each lead: the drives, nothing, the ground.
     normal : array (m, 2)
-        Normal forces at the start and their slopes, without sines.
+        Normal forces at `start` and their slopes, without sines.
     normals, drive_velocities : LinesWithSines
         Normal forces and velocities of drives as series from any time on, with sines.
     rows : SineShares
         The sines of normal forces.
     drives : Drives
+        Their motion, from the start of the motion that is followed on: it is the same beyond breaks.
     force : array (n, 3)
-        Forces on bodies in powers of the time since the start, without sines.
+        Forces on bodies in powers of the time since `start`, without sines.
     drive_size : array (d,)
         Summed sizes of the terms in the velocities of drives.
     """

@@ -144,7 +144,7 @@ class Loads:
         sines: list[tuple[int, float, float, float]] = []
         functions: list[tuple[int, Signal]] = []
         value[self._lines_at], slope[self._lines_at] = self._lines.at(t)
-        # the acceleration of a drive is the slope of its velocity
+        # the acceleration of a drive is the slope of its velocity; that of the other signals is added below
         count = len(self._signals)
         place_of_rate = {i: count + k for k, i in enumerate(self._rates)}
         for i, k in place_of_rate.items():
