@@ -590,7 +590,7 @@ class System:
         rows, number, of_body = self._joined(held.tobytes())
         bodies = self.G.indices[self.G.indptr[row] : self.G.indptr[row + 1]]
         own = np.isin(number, of_body[bodies])
-        return self._components.are_torn(np.sort(np.append(rows[own], row)))
+        return self._components.are_torn(np.union1d(rows[own], row).astype(np.intp))
 
     def _numbered(self, held: bytes) -> tuple[Indices, Indices, Indices]:
         """Return held rows, the number of the component of each, and that of each body, -1 where nothing holds it."""
