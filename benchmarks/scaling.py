@@ -1,4 +1,4 @@
-"""How the work grows with the size of a scene: wheels, blocks on a belt, wagons, and pre-slip.
+"""How the work grows with the size of a scene: wheels, blocks, wagons, and pre-slip.
 
     python -m benchmarks.scaling [--quick]
 
@@ -7,6 +7,7 @@ neighbours, to the standstill of all interfaces; their last velocity must be the
 Blocks: each tied by springs to its two neighbours and to a plate at rest, on a belt that moves steadily.
 Watched: the same blocks with an event of the user that watches the first.
 Shaken: the same blocks with a sine among the forces on each.
+Loaded: blocks on the ground, each under a load of its own that kinks five times.
 Wagons: a train with play between its wagons, which roll at unequal speeds and rub on the rails.
 Pre-slip: the same chains of wheels on the linear law, time per step.
 """
@@ -36,6 +37,7 @@ from stickslip import (
     Scene,
     Spring,
     When,
+    piecewise_linear,
     position,
     simulate,
     sine,
@@ -44,12 +46,14 @@ from stickslip import (
 WHEELS = (10, 100, 1000, 10_000)
 BLOCKS = (10, 100, 1000)
 SHAKEN = (10, 100, 1000)
+LOADED = (10, 100, 1000)
 WAGONS = (10, 100, 1000)
 PRE_SLIP = (10, 100, 1000)
 DRY = DryFriction(mu_static=0.2, mu_coulomb=0.1)
 PRE_SLIP_VELOCITY = 1e-4
 WHEELS_STOP = 0.05
 BLOCKS_STOP = 5.0
+LOADED_STOP = 1.0
 WAGONS_STOP = 0.5
 BELT = 0.3
 PUSH = 0.5
@@ -76,6 +80,19 @@ def blocks(n: int, push: float = 0.0) -> Scene:
         *(Spring(f"b{i}", GROUND, stiffness=1.0, damping=0.05) for i in index),
         *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in index[:-1]),
         *(Force(f"b{i}", sine(push, 1.5, phase=0.7 * i)) for i in index if push),
+    )
+
+
+def loaded(n: int) -> Scene:
+    """Return blocks that nothing joins, each pushed to and fro at times of its own."""
+    law, times = DryFriction(mu_static=0.35, mu_coulomb=0.2), np.arange(1, 6) / 6.0
+    return Scene(
+        *(Body(f"b{i}", inertia=1.0) for i in range(n)),
+        *(Contact(f"f{i}", f"b{i}", GROUND, law, normal=5.0) for i in range(n)),
+        *(
+            Force(f"b{i}", piecewise_linear(times + 0.05 * math.sin(7.3 * i), [0.0, 3.0, -3.0, 3.0, 0.0]))
+            for i in range(n)
+        ),
     )
 
 
@@ -112,6 +129,8 @@ def measure(kind: str, n: int) -> Measured:
         scene, stop = wheels(n), WHEELS_STOP
     elif kind == "wagons":
         scene, stop = wagons(n), WAGONS_STOP
+    elif kind == "loaded":
+        scene, stop = loaded(n), LOADED_STOP
     else:
         scene, stop = blocks(n, PUSH if kind == "shaken" else 0.0), BLOCKS_STOP
     if kind == "pre-slip":
@@ -156,6 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("blocks", BLOCKS),
         ("watched", BLOCKS),
         ("shaken", SHAKEN),
+        ("loaded", LOADED),
         ("wagons", WAGONS),
         ("pre-slip", PRE_SLIP),
     )
