@@ -319,10 +319,16 @@ def component_numbers(G: Any) -> Indices:
             if (own := number[column]).size > 1:
                 number[np.isin(number, own)] = own.min()
         return number
+    return components_of(G)[0]
+
+
+def components_of(G: Any) -> tuple[Indices, Indices]:
+    """Return the numbers of `component_numbers` of sparse rows, and those of the bodies: others where no row acts."""
     held = scipy.sparse.csr_array((np.ones(G.nnz), G.indices, G.indptr), shape=G.shape)
     graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
     component = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    return np.asarray(component[: G.shape[0]], dtype=np.intp)
+    rows, bodies = np.split(np.asarray(component, dtype=np.intp), [G.shape[0]])
+    return rows, bodies
 
 
 class _Component:

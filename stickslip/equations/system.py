@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.algebra.matrices import Triplets
-from stickslip.equations.balance import Balance, Components, component_numbers
+from stickslip.equations.balance import Balance, Components, components_of
 from stickslip.equations.loads.dependence import Dependence, Forms, Friction
 from stickslip.equations.loads.loads import Loads, Segment
 from stickslip.equations.loads.reader import BlockPlace, Form, Key, Node, Reader
@@ -593,12 +593,9 @@ class System:
         return self._components.are_torn(np.union1d(rows[own], row).astype(np.intp))
 
     def _numbered(self, held: bytes) -> tuple[Indices, Indices, Indices]:
-        """Return held rows, the number of the component of each, and that of each body, -1 where nothing holds it."""
+        """Return held rows, and the numbers of the components of these and of all bodies."""
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-        G = self.G[rows]
-        number, of_body = component_numbers(G), np.full(self.n, -1)
-        of_body[G.indices] = number.repeat(np.diff(G.indptr))
-        return rows, number, of_body
+        return rows, *components_of(self.G[rows])
 
     def with_held(self, y: Array, u: Array, held: Mask) -> Array:
         """Return a state in which some rows are held, momentum conserved, while drives have the velocities `u`."""

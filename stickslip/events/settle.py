@@ -54,15 +54,23 @@ def modes_after_break(last: Settled, segment: Segment, t: float, y: Array, large
     q = segment.at(t)
     if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.segment.at(t))).any():
         return None
-    modes, closed = motion.equations.modes, closed_rows(system, segment, t, q)
-    changes = (modes == OPEN) == closed
+    modes = motion.equations.modes
+    changes = open_or_close(modes, system, segment, t, q)
     if comes_to_rest(last, t, y, largest, q, changes):
         return None
     if not np.count_nonzero(changes):
         return modes
     if np.count_nonzero(changes & ~system.hard):
         return None
-    return np.where(changes, np.where(closed, last.labels, OPEN), modes).astype(np.int8)
+    return np.where(changes, np.where(modes == OPEN, last.labels, OPEN), modes).astype(np.int8)
+
+
+def open_or_close(modes: Modes, system: System, segment: Segment, t: float, q: Array) -> Mask:
+    """Tell which rows can carry a force from a break of the loads on and could not before, or the other way round.
+
+    `q` are the inputs from there on.
+    """
+    return np.asarray((modes == OPEN) == _closed(system, segment, t, q))
 
 
 def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, changes: Mask | bool = False) -> bool:
@@ -85,7 +93,7 @@ def comes_to_rest(last: Settled, t: float, y: Array, largest: Array, q: Array, c
 
 def all_pressed(system: System, segment: Segment, t: float) -> bool:
     """Tell whether loads still press all rows: with fixed steps one may have opened unseen within a step."""
-    return not segment.is_stepped or bool((closed_rows(system, segment, t, segment.at(t)) | system.pressed).all())
+    return not segment.is_stepped or bool((_closed(system, segment, t, segment.at(t)) | system.pressed).all())
 
 
 def carried_on(last: Settled, segment: Segment, t: float, y: Array, modes: Modes) -> Settled | None:
@@ -172,7 +180,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     """
     segment = loads.after(now.t)
     q = inputs_before(system, segment, now, segment.table_regions)
-    closed = closed_rows(system, segment, now.t, q)
+    closed = _closed(system, segment, now.t, q)
     if system.dependence is not None:
         # a normal force whose terms cancel is roundoff: the motion tells whether the contact closes
         closed[system.dependence.cancelled(q, now.y)] = False
@@ -232,7 +240,7 @@ def at_rest_in_bands(system: System, loads: Loads, now: Situation) -> Situation:
     q = inputs_before(system, segment, now, segment.table_regions)
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     w, rough = _relative(system, segment, now.y, now.was, now.t, q)
-    closed = closed_rows(system, segment, now.t, q)
+    closed = _closed(system, segment, now.t, q)
     return _at_rest_in_bands(system, now, w, rough, closed, at_stop, system.drive_velocities(q))
 
 
@@ -419,7 +427,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
-def closed_rows(system: System, segment: Segment, t: float, q: Array) -> Mask:
+def _closed(system: System, segment: Segment, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     presses = q[: system.m] > 0
     if np.count_nonzero(presses) < presses.size:

@@ -283,14 +283,23 @@ class PiecewiseLinear(Signal):
 
     def at(self, t: float) -> float:
         """Return the value at `t`, after the jump where it jumps."""
+        _, _, start, value, rise, length = self.line(t)
+        return value + rise * ((t - start) / length) if rise else value
+
+    def line(self, t: float) -> tuple[float, float, float, float, float, float]:
+        """Return the line that begins or goes on at `t`: since when and until when it holds, and its numbers.
+
+        These are the time and the value at its start, its rise, and its length in s. Before the first point and after
+        the last one, where values are held, the rise is 0 over 1 s.
+        """
         times, values = self.times, self.values
         i = bisect_right(times, t)
         if i == 0:
-            return values[0]
+            return -math.inf, times[0], 0.0, values[0], 0.0, 1.0
+        since, value = times[i - 1], values[i - 1]
         if i == len(times):
-            return values[-1]
-        t0, v0 = times[i - 1], values[i - 1]
-        return v0 + (values[i] - v0) * ((t - t0) / (times[i] - t0))
+            return since, math.inf, 0.0, value, 0.0, 1.0
+        return since, times[i], since, value, values[i] - value, times[i] - since
 
     def before(self, t: float) -> float:
         """Return the left limit at `t`."""

@@ -152,10 +152,10 @@ class SeriesOfMany(PickledByFields):
         return ValidEntries(slice(low, high), ends - begins, (stop - first, ticks.size))
 
     def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, ValidEntries]]:
-        """Yield blocks of some things, and which of their entries hold at some ticks."""
+        """Yield blocks of some things, one at least, and which of their entries hold at some ticks."""
         first, stop, _ = things.indices(self.firsts.size - 1)
         count = _VALUES_AT_ONCE // max(ticks.size, 1) + 1
-        for begin in range(first, stop, count):
+        for begin in range(first, max(stop, first + 1), count):
             some = slice(begin, min(begin + count, stop))
             yield some, self.valid(ticks, some)
 
@@ -314,9 +314,6 @@ class Patchwork(PickledByFields):
         """Return what `read` finds for some things at times of pieces, a line each; the times may be in any order."""
         ticks, t, back = self._in_order(piece, t)
         blocks = [read(valid, t) for _, valid in series.in_blocks(ticks, things)]
-        if not blocks:
-            # a scene without rows
-            return read(series.valid(ticks, things), t)
         found = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         return found[:, back]
 

@@ -27,7 +27,7 @@ from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import APART, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.endings import arrives
-from stickslip.events.settle import Settled, closed_rows
+from stickslip.events.settle import Settled, open_or_close
 from stickslip.events.situation import Situation
 from stickslip.events.trees import Tree, TreeModes, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -176,7 +176,8 @@ class Local:
             if not is_root[j]:
                 self._next_roots.refine(j)
                 continue
-            near = (due <= t + max(tie, TOGETHER * abs(t))).nonzero()[0]
+            instant = TOGETHER * abs(t)
+            near = (due <= t + max(tie, instant)).nonzero()[0]
             if near.size > 1:
                 rough = near[~is_root[near]]
                 for k in rough.tolist():
@@ -184,7 +185,7 @@ class Local:
                 if rough.size:
                     continue
                 # over a long span a unit of time says little about how near two events are
-                near = near[(near == j) | self._next_roots.at_zero(near, t)]
+                near = near[(near == j) | self._next_roots.at_zero(near, t, instant)]
             if self._stops_until(t):
                 return self._ending(self._seen, _NONE, False)
             if parts.stop - t <= TOGETHER * abs(parts.stop):
@@ -251,10 +252,12 @@ class Local:
         parts, motion, t = self._parts, self.now.motion, self._parts.stop
         if t >= self._timeline.stop:
             return False
-        after, system = self._loads.after(t), motion.system
-        changes = ((parts.mode == OPEN) == closed_rows(system, after, t, after.at(t))).nonzero()[0]
+        after = self._loads.after(t)
+        changes = open_or_close(parts.mode, motion.system, after, t, after.at(t)).nonzero()[0]
+        if not (self._forest.takes(after) and self._can_change(changes)):
+            return False
         watched = self._next_roots.moved(np.arange(self._forest.m), t)
-        if not (self._forest.takes(after) and self._can_change(changes) and self._next_roots.all_move(watched, t)):
+        if not self._next_roots.all_move(watched, t):
             return False
         felt = parts.go_on(motion.segment, after, changes)
         if felt is None:

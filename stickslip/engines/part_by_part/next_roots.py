@@ -24,9 +24,7 @@ _CLEAR = 1e-9
 # An acceleration above this part of its majorant shows clearly to which side an open row moves.
 _MOVES = 1e-6
 
-# A guard is 0 together with another one below this part of its size, or if it comes to 0 within this part of the
-# time.
-_AT_ZERO, _SAME_TIME = 1e-11, 1e-14
+_AT_ZERO = 1e-11  # part of its size below which a guard is 0 together with another one
 
 _STAYS = -1  # in place of the number of zeros: a gap stays at its border as long as nothing near it changes
 
@@ -320,12 +318,12 @@ class NextRoots:
                 floor = self._slope_majorant(j, border) if self._zeros[border] == 1 else size
                 self._enter(j, g[place], t, span, place, floor)
 
-    def at_zero(self, rows: Indices, t: float) -> Mask:
-        """Tell which of some rows have a guard that is 0 at time `t`, but for roundoff of the guard and of the time."""
+    def at_zero(self, rows: Indices, t: float, instant: float) -> Mask:
+        """Tell which of some rows have a guard that is 0 at time `t`, but for its roundoff and `instant` s."""
         found = np.zeros(rows.size, dtype=bool)
         for place, j in enumerate(rows.tolist()):
             value, rate, size = self._due_guard(j, t)
-            found[place] = abs(value) <= _AT_ZERO * size + _SAME_TIME * abs(t * rate)
+            found[place] = abs(value) <= _AT_ZERO * size + instant * abs(rate)
         return found
 
     def _due_guard(self, j: int, t: float) -> tuple[float, float, float]:

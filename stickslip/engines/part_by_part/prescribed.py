@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,12 @@ class Prescribed:
         if system.drive_velocities(changes).any() or system.drive_accelerations(changes).any():
             return None
         self._enter(t, after.stop, after.value, after.slope)
-        return np.concatenate([changes[: system.m], abs(self._acts) @ changes[: system.inputs] > 0])
+        return np.concatenate([changes[: system.m], self._reaches @ changes[: system.inputs] > 0])
+
+    @cached_property
+    def _reaches(self) -> Any:
+        """Sizes of the forces on bodies from inputs."""
+        return abs(self._acts)
 
     def _find_sines(self, forest: Forest, motion: Motion, acts: Any) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""

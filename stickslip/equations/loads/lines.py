@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 
 import numpy as np
@@ -28,18 +27,7 @@ class Lines:
         if left:
             lines = lines.copy()
             for k in left:
-                lines[:, k] = _line(self._signals[k], t)
+                lines[:, k] = self._signals[k].line(t)
             self._latest = lines
         _, _, start, value, rise, length = lines
         return value + rise * ((t - start) / length), rise / length
-
-
-def _line(signal: PiecewiseLinear, t: float) -> tuple[float, float, float, float, float, float]:
-    """Return the line of a signal from time `t` on; before the first point and after the last one values are held."""
-    times, values = signal.times, signal.values
-    i = bisect_right(times, t)
-    if i == 0:
-        return -math.inf, times[0], 0.0, values[0], 0.0, 1.0
-    if i == len(times):
-        return times[-1], math.inf, 0.0, values[-1], 0.0, 1.0
-    return times[i - 1], times[i], times[i - 1], values[i - 1], values[i] - values[i - 1], times[i] - times[i - 1]
