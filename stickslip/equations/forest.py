@@ -61,8 +61,9 @@ class Forest:
         The knot of each body and row, -1 for none.
     rows_from, rows : array of int
         The rows in trees at body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
-    gaps_from, gaps_at, aside_from, aside_at : array of int
-        The same for gaps and stops, and for rows in no tree that join at most two bodies and may move.
+    contacts_from, contacts_at, gaps_from, gaps_at, aside_from, aside_at : array of int
+        The same for contacts in trees and knots, for gaps and stops, and for rows in no tree that join at most two
+        bodies and may move.
     row_of : array (n,) of int or None
         The row in a tree at each body, -1 for none. None unless all of these rows join one body to the ground or a
         drive, and no body has two.
@@ -110,6 +111,8 @@ class Forest:
         self.child, self.parent, self.lever = np.where(swapped, b, a), np.where(swapped, a, b), lever
         self.sign = lever[:, 0]
         self.rows_from, self.rows = _by_end(a, b, contacts, n)
+        touching = (self.in_tree | (self.knot_of_row >= 0) & system.is_friction).nonzero()[0]
+        self.contacts_from, self.contacts_at = _by_end(a, b, touching, n)
         self.gaps_from, self.gaps_at = _by_end(a, b, self.gaps, n)
         aside = (~self.in_tree & ~system.is_gap & ~system.is_tie).nonzero()[0]
         self.aside_from, self.aside_at = _by_end(a, b, aside, n)

@@ -7,7 +7,6 @@ the forces on its bodies.
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.balance import Balance
@@ -63,7 +62,6 @@ class Knots:
         self._bodies = forest.knots
         self._rows = [(forest.knot_of_row == k).nonzero()[0] for k in range(len(forest.knots))]
         self._latest: dict[int, tuple[bytes, Knot]] = {}
-        self.rows = np.concatenate(self._rows) if self._rows else np.empty(0, dtype=np.intp)
 
     def at(self, equations: ModeEquations) -> list[Knot]:
         """Return all in the modes of a motion."""
@@ -75,10 +73,3 @@ class Knots:
                 latest = self._latest[k] = modes, Knot(equations, bodies, rows)
             found.append(latest[1])
         return found
-
-
-def friction_on(equations: ModeEquations, rows: Indices) -> scipy.sparse.csr_array:
-    """Return the forces on the bodies from the inputs by the friction of some rows, moving or at their level."""
-    system = equations.system
-    pulls = scipy.sparse.csr_array(system.GT)[:, rows]
-    return -(pulls @ scipy.sparse.csr_array(equations.friction)[rows, : system.inputs])

@@ -16,7 +16,7 @@ import scipy
 
 from stickslip.engines.part_by_part.elastic import Elastic
 from stickslip.engines.part_by_part.groups import UNLED, Groups
-from stickslip.engines.part_by_part.knots import Knot, Knots, friction_on
+from stickslip.engines.part_by_part.knots import Knot, Knots
 from stickslip.engines.part_by_part.prescribed import Prescribed
 from stickslip.engines.work import Work
 from stickslip.equations.algebra.polynomials import powers, shifted
@@ -92,11 +92,8 @@ class Parts:
         system, n, m = motion.system, forest.n, forest.m
         equations = motion.equations
         self.inertia, self.mu = system.inertia, system.mu_c
-        self._knots, acts = knots.at(equations), system.Q
-        if self._knots:
-            # in knots friction is among the forces of the inputs
-            acts = acts + friction_on(equations, knots.rows)
-        self.prescribed = prescribed = Prescribed(forest, motion, acts)
+        self._knots = knots.at(equations)
+        self.prescribed = prescribed = Prescribed(forest, motion)
         self.stop, self.unit, self.has_series = prescribed.stop, prescribed.unit, prescribed.has_series
         count = forest.order + 1
         self._ascending = np.arange(1.0, count + 2)
@@ -186,32 +183,44 @@ class Parts:
     def enter_friction(self, bodies: Indices) -> None:
         """Enter the friction of moving rows among the forces on some bodies."""
         forest = self.forest
-        if forest.row_of is not None and bodies.size == 1:
+        if forest.row_of is not None and bodies.size == 1 and forest.knot_of[i := int(bodies[0])] < 0:
             # a short cut for most events of a fault: the general way below would make each a tenth slower
-            i = int(bodies[0])
             j = int(forest.row_of[i])
             mode = int(self.mode[j]) if j >= 0 else 0
             self._force[i] = self._given[i]
             if abs(mode) == 1:
                 self._force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.prescribed.normal[j]
             return
-        force, rows = self._given[bodies], distinct(self.rows_at(bodies))
+        force, rows = self._given[bodies], self._contacts_at(bodies)
         self._add_friction(force, bodies, rows, self.prescribed.normal[rows])
         self._force[bodies] = force
 
     def _add_friction(self, force: Array, bodies: Indices, rows: Indices, normals: Array) -> None:
-        """Add the friction of the moving ones among some rows to forces on bodies, a line each."""
+        """Add the friction of some contacts, where they move or carry their level, to forces on bodies, a line each."""
         forest, place = self.forest, self._place
-        moving = np.abs(self.mode[rows]) == 1
-        rows, mode = rows[moving], self.mode[rows[moving]]
-        if not rows.size:
+        coefficient = self._coefficients(rows)
+        some = coefficient.nonzero()[0]
+        if not some.size:
             return
-        push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * normals[moving]
+        rows, push = rows[some], coefficient[some, None] * normals[some]
         place[bodies] = np.arange(bodies.size)
-        for ends, add in ((forest.child[rows], np.subtract), (forest.parent[rows], np.add)):
+        for ends, lever in ((forest.child[rows], forest.lever[rows, 0]), (forest.parent[rows], forest.lever[rows, 1])):
             within = ((ends >= 0) & (place[ends] >= 0)).nonzero()[0]
-            add.at(force[:, : push.shape[1]], place[ends[within]], push[within])
+            np.subtract.at(force[:, : push.shape[1]], place[ends[within]], lever[within, None] * push[within])
         place[bodies] = -1
+
+    def _coefficients(self, rows: Indices) -> Array:
+        """Return the friction of contacts as parts of their normal forces, with its sign; 0 for those held or open."""
+        mode = self.mode[rows]
+        found = np.where(np.abs(mode) == 1, mode * self.mu[(mode < 0).astype(np.intp), rows], 0.0)
+        if self.any_at_level:
+            static, at_level = self.system.mu_s[:, rows], self.at_level[rows]
+            found = np.where(at_level == AT_HIGH, static[0], np.where(at_level == AT_LOW, -static[1], found))
+        return np.asarray(found)
+
+    def _contacts_at(self, bodies: Indices) -> Indices:
+        """Return the contacts of some bodies, in trees and in knots."""
+        return distinct(self.forest.contacts_at[spans(self.forest.contacts_from, bodies)])
 
     def rows_at(self, bodies: Indices) -> Indices:
         """Return the rows of some bodies; a row between two of them stands twice."""
@@ -249,7 +258,7 @@ class Parts:
         found = prescribed.sine_forces(bodies, t)
         found[:, : straight.shape[1]] += straight
         if prescribed.rows.has_any:
-            rows = distinct(self.rows_at(bodies))
+            rows = self._contacts_at(bodies)
             rows = rows[prescribed.rows.have_sines[rows]]
             self._add_friction(found, bodies, rows, prescribed.rows.series(rows, t, found.shape[1], unit))
         return found

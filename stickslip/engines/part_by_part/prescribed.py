@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +18,8 @@ from stickslip.model.arrays import Array, Indices, Mask
 class Prescribed:
     """Normal forces, drives, and forces on bodies between two breaks of the loads.
 
-    The inputs of the motion must be straight but for sines; `acts` are the forces on bodies from inputs. `go_on` leads
-    beyond a break at which only forces and normal forces change.
+    The inputs of the motion must be straight but for sines. `go_on` leads beyond a break at which only forces and
+    normal forces change.
 
     Attributes
     ----------
@@ -51,10 +49,9 @@ class Prescribed:
         Summed sizes of the terms in the velocities of drives.
     """
 
-    def __init__(self, forest: Forest, motion: Motion, acts: Any) -> None:
-        system = motion.system
-        self._system, self._acts = system, acts
-        self._find_sines(forest, motion, acts)
+    def __init__(self, forest: Forest, motion: Motion) -> None:
+        self._system = system = motion.system
+        self._find_sines(forest, motion)
         self.has_series = forest.is_coupled or self.has_sines
         self.unit = forest.unit if self.has_series else motion.segment.stop - motion.t
         self._terms = forest.order + 1
@@ -68,14 +65,14 @@ class Prescribed:
 
     def _enter(self, t: float, stop: float, q: Array, slope: Array) -> None:
         """Enter forces and normal forces from a time on, from the inputs there without sines and their slopes."""
-        system, acts = self._system, self._acts
+        system = self._system
         self.start, self.stop = t, stop
         self.normal = np.stack([np.maximum(q[: system.m], 0.0), slope[: system.m]], axis=1)
         self.normals = LinesWithSines(self.normal, t, self.rows, self.unit, self._terms)
         d, (v, a) = t - self.drives.since, self.drives.velocity.T
         self.drive_size = np.abs(v + d * a) + self._drives.sizes
         self.force = np.zeros((system.n, 3))
-        self.force[:, 0], self.force[:, 1] = acts @ q[: system.inputs], acts @ slope[: system.inputs]
+        self.force[:, 0], self.force[:, 1] = system.Q @ q[: system.inputs], system.Q @ slope[: system.inputs]
         if (carried := system.carried).size:
             # springs to drives
             pulls = system.C[:, system.carried_state]
@@ -98,14 +95,9 @@ class Prescribed:
         if system.drive_velocities(changes).any() or system.drive_accelerations(changes).any():
             return None
         self._enter(t, after.stop, after.value, after.slope)
-        return np.concatenate([changes[: system.m], self._reaches @ changes[: system.inputs] > 0])
+        return np.concatenate([changes[: system.m], system.abs_Q @ changes[: system.inputs] > 0])
 
-    @cached_property
-    def _reaches(self) -> Any:
-        """Sizes of the forces on bodies from inputs."""
-        return abs(self._acts)
-
-    def _find_sines(self, forest: Forest, motion: Motion, acts: Any) -> None:
+    def _find_sines(self, forest: Forest, motion: Motion) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""
         system, sines = motion.system, motion.segment.sines
         self.rows = SineShares.among(sines, sines.entry, system.m)
@@ -114,7 +106,7 @@ class Prescribed:
         self.has_sines = bool(sines.entry.size)
         self._bodies = self._springs = SineShares.none(system.n)
         if self.has_sines:
-            self._bodies = SineShares.of(sines, acts[:, sines.entry])
+            self._bodies = SineShares.of(sines, system.Q[:, sines.entry])
         pulling = np.isin(drive, system.carried).nonzero()[0]
         if pulling.size:
             # springs to drives with sines
