@@ -7,6 +7,7 @@ neighbours, to the standstill of all interfaces; their last velocity must be the
 Blocks: each tied by springs to its two neighbours and to a plate at rest, on a belt that moves steadily.
 Watched: the same blocks with an event of the user that watches the first.
 Shaken: the same blocks with a sine among the forces on each.
+Guided: the same blocks, each with a second contact to a guide on the ground.
 Loaded: blocks on the ground, each under a load of its own that kinks five times.
 Wagons: a train with play between its wagons, which roll at unequal speeds and rub on the rails.
 Pre-slip: the same chains of wheels on the linear law, time per step.
@@ -46,6 +47,7 @@ from stickslip import (
 WHEELS = (10, 100, 1000, 10_000)
 BLOCKS = (10, 100, 1000)
 SHAKEN = (10, 100, 1000)
+GUIDED = (10, 100, 1000)
 LOADED = (10, 100, 1000)
 WAGONS = (10, 100, 1000)
 PRE_SLIP = (10, 100, 1000)
@@ -81,6 +83,12 @@ def blocks(n: int, push: float = 0.0) -> Scene:
         *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in index[:-1]),
         *(Force(f"b{i}", sine(push, 1.5, phase=0.7 * i)) for i in index if push),
     )
+
+
+def guided(n: int) -> Scene:
+    """Return the blocks on a belt with a guide on the ground on which each rubs, too."""
+    guide = DryFriction(mu_static=0.05, mu_coulomb=0.04)
+    return Scene(*blocks(n).elements, *(Contact(f"g{i}", f"b{i}", GROUND, guide, normal=2.0) for i in range(n)))
 
 
 def loaded(n: int) -> Scene:
@@ -129,6 +137,8 @@ def measure(kind: str, n: int) -> Measured:
         scene, stop = wheels(n), WHEELS_STOP
     elif kind == "wagons":
         scene, stop = wagons(n), WAGONS_STOP
+    elif kind == "guided":
+        scene, stop = guided(n), BLOCKS_STOP
     elif kind == "loaded":
         scene, stop = loaded(n), LOADED_STOP
     else:
@@ -175,6 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("blocks", BLOCKS),
         ("watched", BLOCKS),
         ("shaken", SHAKEN),
+        ("guided", GUIDED),
         ("loaded", LOADED),
         ("wagons", WAGONS),
         ("pre-slip", PRE_SLIP),

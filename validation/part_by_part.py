@@ -26,6 +26,7 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Stop,
     When,
     feedback,
     piecewise_linear,
@@ -51,6 +52,8 @@ EVENTS = 1e-10
 
 PATIENCE = 60.0
 
+OTHERS = [GROUND, "belt"]  # what bodies of these scenes may rub on
+
 
 # How scenes are followed, and compared
 
@@ -58,7 +61,7 @@ PATIENCE = 60.0
 @contextmanager
 def part_by_part(knots: bool = False) -> Iterator[None]:
     """Follow all scenes part by part that can be, however few their bodies; `knots` also where most are in knots."""
-    in_knots = mock.patch.object(forest, "_MOST_IN_KNOTS", 1.0) if knots else nullcontext()
+    in_knots = mock.patch.object(forest, "_MOST_IN_ONE_KNOT", 1.0) if knots else nullcontext()
     with mock.patch.object(simulation, "_MANY", 1), in_knots:
         yield
 
@@ -316,6 +319,35 @@ def with_machines(scene: Scene, seed: int) -> Scene:
     return Scene(*elements)
 
 
+def with_brakes(scene: Scene, seed: int) -> Scene:
+    """Return a scene in which many bodies have more contacts, some beside another one, and stops that few touch.
+
+    Some are pressed from time to time only, or by a sine.
+    """
+    rng = np.random.default_rng(seed + 5000)
+    elements: list[Any] = list(scene.elements)
+    bodies = {body.name: body for body in scene.bodies}
+    ends = [(one.a, one.b) for one in scene.contacts]
+    for k, name in enumerate(bodies):
+        if rng.random() < 0.5:
+            continue
+        own = [pair for pair in ends if name in pair]
+        pair = own[int(rng.integers(len(own)))] if own and rng.random() < 0.5 else (name, str(rng.choice(OTHERS)))
+        law = DryFriction(*(float(x) for x in rng.uniform([0.25, 0.1], [0.5, 0.25])))
+        kind, level = rng.random(), float(rng.uniform(0.5, 5.0))
+        t = np.sort(rng.uniform(0.0, STOP, 4))
+        normal: Any = level
+        if kind < 0.3:
+            normal = piecewise_linear(t, [0.0, level, 2.0 * level, 0.0])
+        elif kind < 0.4:
+            normal = sine(0.5 * level, 1.0, offset=level)
+        elements.append(Contact(f"brake {k}", *pair, law, normal=normal))
+        if rng.random() < 0.3:
+            limit = bodies[name].position + float(rng.choice([0.5, 2.0, 9.0]))
+            elements.append(Stop(f"stop {k}", name, GROUND, upper=limit))
+    return Scene(*elements)
+
+
 def watched(scene: Scene, seed: int) -> list[When]:
     """Return events of the user for a scene: velocities, positions, differences and products; few stop the run."""
     rng = np.random.default_rng(seed + 77)
@@ -381,6 +413,12 @@ def trees_with_machines(number: int) -> Scene:
     return with_machines(with_gaps(scene, number) if number % 4 == 0 else scene, number)
 
 
+def trees_with_brakes(number: int) -> Scene:
+    """Return trees with more contacts than trees have, and with stops; some with gaps or schedules."""
+    scene = trees_with_gaps(number) if number % 3 == 0 else random_forest(number)
+    return with_brakes(with_schedules(scene, number) if number % 4 == 0 else scene, number)
+
+
 def trees_with_schedules(number: int) -> Scene:
     """Return trees, some with gaps or sines, whose loads come and go."""
     return with_schedules(trees_with_gaps(number) if number % 3 == 0 else random_forest(number), number)
@@ -432,6 +470,7 @@ FAMILIES = {
         ALMOST_TOGETHER,
     ),
     "schedules": Family("trees whose loads and normal forces come and go", trees_with_schedules),
+    "brakes": Family("trees with contacts beside others, and with stops", trees_with_brakes, {"knots": True}),
     "instants": Family("trees whose loads jump in the instants of events", trees_with_breaks_at_events),
     "followers": Family("trees with forces that follow other bodies", trees_with_followers, {"knots": True}),
     "machines": Family(

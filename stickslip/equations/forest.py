@@ -5,7 +5,7 @@ over these: ``lambda = c sum (F - M v')``. If the motion of one body changes, th
 the d-th of a chain of majorant series at most; beyond `hops` couplings that is roundoff.
 
 Bodies that rows join in any other way form a knot: by loops, ties, one-way clutches, stops, or with radii. A scene may
-have a few knots.
+have many knots, but not one that holds most of its bodies.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
-# Largest part of the bodies in knots, and most bodies of one knot: its events are settled with the whole scene.
-_MOST_IN_KNOTS, _LARGEST_KNOT = 0.3, 60
+# Most bodies of one knot, and the largest part of all: it is settled as a whole at each of its events.
+_LARGEST_KNOT, _MOST_IN_ONE_KNOT = 60, 0.5
 
 
 class Forest:
@@ -137,7 +137,7 @@ class Forest:
             return "some of its rows join no body"
         knot_of = _knots(system)[1]
         sizes = np.bincount(knot_of[knot_of >= 0])
-        if sizes.sum() > _MOST_IN_KNOTS * system.n or sizes.max(initial=0) > _LARGEST_KNOT:
+        if sizes.max(initial=0) > min(_LARGEST_KNOT, _MOST_IN_ONE_KNOT * system.n):
             return "too many of its bodies are joined by loops, ties, clutches, stops or radii"
         return None
 

@@ -168,8 +168,8 @@ def with_one(
         direction = int(guards.direction[over[0]])
 
 
-def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty) -> Settled:
-    """Return the modes in which the motion goes on.
+def settle(system: System, segment: Segment, now: Situation, uncertainty: Uncertainty) -> Settled:
+    """Return the modes in which the motion goes on, with the loads of a segment.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
     largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. If
@@ -178,7 +178,6 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     Raises `Inconsistent` if no set of modes is consistent, and `Jammed` where drives press rows together that cannot
     give way.
     """
-    segment = loads.after(now.t)
     q = inputs_before(system, segment, now, segment.table_regions)
     closed = _closed(system, segment, now.t, q)
     if system.dependence is not None:

@@ -2,8 +2,8 @@
 
 `Run` settles the whole scene at every event. Here the scene is settled as a whole at the start, where several rows are
 at their limits at once, and at breaks of the loads where what rests may begin to move. Every other event is settled
-within the groups at both ends of its row, and only the bodies that it reaches are expanded anew. So are the bodies that
-feel a break.
+within the groups at both ends of its row, or within the knot to which the row belongs, and only the bodies that it
+reaches are expanded anew. So are the bodies that feel a break.
 """
 
 from __future__ import annotations
@@ -23,16 +23,18 @@ from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards.at_start import ROUNDOFF
+from stickslip.equations.guards.guards import Guards
 from stickslip.equations.loads.loads import Loads
 from stickslip.equations.mode_equations import APART, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.endings import arrives
 from stickslip.events.settle import Settled, open_or_close
-from stickslip.events.situation import Situation
+from stickslip.events.situation import Situation, Uncertainty
 from stickslip.events.trees import Tree, TreeModes, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.borders import TOGETHER
+from stickslip.simulation.knot_scenes import KnotScene, KnotScenes
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.timeline import Timeline
 from stickslip.simulation.watching import Failed, Watch
@@ -88,6 +90,7 @@ class Local:
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
         self._knots, self._elastic = Knots(forest), Elastic(forest)
+        self._knot_scenes: KnotScenes | None = None
         self._recorder, self._timeline, self._watch = recorder, timeline, watch
         self._margin = margin
         self.most_guards = self._held = self._most_held = self._armed = 0
@@ -116,15 +119,11 @@ class Local:
     def takes(self, now: Settled) -> bool:
         """Tell whether a motion can be followed part by part.
 
-        No guard may be 0 at its start but for borders, and velocities that leave 0 with a slope.
+        No guard may be 0 at its start but for borders, and those that leave 0 with a slope.
         """
-        guards, motion = now.guards, now.motion
-        order, equations = guards.order, motion.equations
-        plain = (order == 0) | ((order == 1) & guards.is_velocity) | guards.is_border
+        motion = now.motion
         # impacts are kept with motions of the whole scene
-        if now.impact is not None or equations.rises_push or equations.balance.parting is not None:
-            return False
-        if not (self._forest.takes(motion.segment) and plain.all() and motion.horizon > 0):
+        if now.impact is not None or not (self._forest.takes(motion.segment) and _is_plain(now)):
             return False
         # one long step of the whole scene is cheaper than many parts that roundoff keeps moving
         if self._seems_at_rest:
@@ -134,22 +133,21 @@ class Local:
                 return False
         return not motion.is_balanced
 
-    def follow(self, now: Settled, loads: Loads) -> Ending | None:
+    def follow(self, now: Settled, loads: Loads, uncertain: Uncertainty) -> Ending | None:
         """Follow a motion and all its events up to the instant at which the whole scene is to be settled.
 
         Returns None if it is to be followed as a whole from its start on.
         """
         motion, guards = now.motion, now.guards
-        self.now, self._loads = now, loads
+        self.now, self._loads, self._uncertain = now, loads, uncertain
         parts = self._parts = Parts(self._forest, self._knots, self._elastic, motion, now.labels, self._work)
         self._next_roots = roots = NextRoots(parts, self._work, self._margin)
         everything = np.arange(self._forest.n)
         self._held = motion.equations.dependent.size
-        moving, held = np.abs(parts.mode) == 1, parts.mode == 0
-        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(roots.level_signs[:, held]))
+        self._armed = self._armed_among(np.arange(parts.mode.size))
         self._seen = motion.t
         self._begin(motion.t)
-        started = guards.row[(guards.order == 1) & guards.is_velocity]
+        started = self._starting(guards, np.arange(parts.mode.size))
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
         slick = (roots.near_rest > 0).nonzero()[0]
         self._any_slick = bool(slick.size)
@@ -193,7 +191,7 @@ class Local:
                 return self._ending(parts.stop, near, self._any_gap(near))
             if self._any_slick and self._next_roots.near_rest[near].any():
                 return self._ending(t, _NONE, True)
-            if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
+            if not (self._cross(near, t) if parts.mode[j] == APART else self._event(near, t)):
                 # a gap at a border goes on with the whole scene: here it would come up again at once
                 return self._ending(t, near, self._any_gap(near))
             if self._bad.size:
@@ -282,8 +280,7 @@ class Local:
 
     def _can_change(self, rows: Indices) -> bool:
         """Tell whether rows that move may be pressed, or no longer be pressed, without the whole scene."""
-        is_plain = self._forest.in_tree[rows].all() and self._parts.mode[rows].all()
-        return bool(is_plain) and not (rows.size and self._any_slick)
+        return bool(self._parts.mode[rows].all()) and not (rows.size and self._any_slick)
 
     def _renew(self, t: float) -> None:
         """Expand all bodies anew whose series end at `t`."""
@@ -340,14 +337,19 @@ class Local:
 
     # -- one event -------------------------------------------------------------------------------------------
 
-    def _event(self, j: int, t: float) -> bool:
-        """Settle what one row at its limit changes, and go on; False where the whole scene is to be settled."""
+    def _event(self, rows: Indices, t: float) -> bool:
+        """Settle what rows at their limits change, and go on; False where the whole scene is to be settled."""
+        if rows.size == 1 and self._parts.mode[rows[0]] == OPEN:
+            return self._turn_over(int(rows[0]), t)
+        if rows.size == 1 and self._forest.in_tree[rows[0]]:
+            return self._event_in_tree(int(rows[0]), t)
+        knots = self._forest.knot_of_row[rows]
+        return bool(knots[0] >= 0 and (knots == knots[0]).all()) and self._event_in_knot(int(knots[0]), rows, t)
+
+    def _event_in_tree(self, j: int, t: float) -> bool:
+        """Settle the groups at both ends of a row."""
         parts, forest = self._parts, self._forest
         before = int(parts.mode[j])
-        if before == OPEN:
-            return self._turn_over(j, t)
-        if not forest.in_tree[j]:
-            return False
         groups = [int(parts.groups.of[forest.child[j]])]
         if forest.parent[j] >= 0 and (other := int(parts.groups.of[forest.parent[j]])) != groups[0]:
             groups.append(other)
@@ -364,6 +366,75 @@ class Local:
         self._timeline.pass_event(t, j)
         self._change(t, tree, outcome, groups, patch, where, before)
         return True
+
+    def _event_in_knot(self, number: int, fired: Indices, t: float) -> bool:
+        """Settle a knot of which rows are at their limits."""
+        parts, system = self._parts, self.now.motion.system
+        if self._knot_scenes is None:
+            self._knot_scenes = KnotScenes(system, self._forest.knots)
+        scene = self._knot_scenes[number]
+        has_fired = np.zeros(system.m, dtype=bool)
+        has_fired[fired] = True
+        arrived = self.arrived(t, parts.mode == OPEN)
+        found = scene.settled(parts, self.now.motion.segment, t, has_fired, arrived, self._uncertain)
+        if found is None or not _is_plain(found):
+            return False
+        self._timeline.pass_event(t, int(fired[0]))
+        self._change_knot(number, scene, found, has_fired, t)
+        return True
+
+    def _starting(self, guards: Guards, rows: Indices) -> Indices:
+        """Return the rows with a guard that leaves 0 with a slope; `rows` are all rows of the guards."""
+        some = ((guards.order == 1) & ~guards.is_border).nonzero()[0]
+        found: Indices = rows[guards.row[some]]
+        self._next_roots.start(found, (guards.direction[some] < 0).astype(np.intp))
+        return found
+
+    def _change_knot(self, number: int, scene: KnotScene, found: Settled, has_fired: Mask, t: float) -> None:
+        """Enter the new modes of a knot, and expand the bodies that they reach."""
+        parts, roots = self._parts, self._next_roots
+        own, inner, rows = found.motion.equations, ~scene.is_gap, scene.rows
+        group = int(parts.groups.of[scene.bodies[0]])
+        patch = parts.patch(parts.reach([group]), t)
+        v = patch.v
+        v[: scene.bodies.size] = found.motion.y[: scene.bodies.size]
+        before = parts.label[rows]
+        self._armed -= self._armed_among(rows[inner])
+        parts.enter_modes(rows[inner], own.modes[inner], found.labels[inner])
+        parts.since[rows[inner]] = found.motion.since[inner]
+        roots.enter_modes(rows[inner])
+        self._armed += self._armed_among(rows[inner])
+        self._any_slick = bool((roots.near_rest > 0).any())
+        self._held += parts.enter_knot(number, scene.knot_in(own))
+        self._most_held = max(self._most_held, self._held)
+        self._tick(t, True)
+        self._expand(patch, v, t, self._starting(found.guards, rows))
+        self._enter_rows(rows[inner])
+        self._count_guards()
+        noted = [
+            (int(j), int(was), int(parts.label[j]), self._cause(int(j), int(was), bool(has_fired[j])))
+            for j, was in zip(rows, before, strict=True)
+            if parts.label[j] != was
+        ]
+        noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist() if j not in rows]
+        for event in sorted(noted):
+            self._recorder.note(t, *event)
+        if self._next_roots.at_once.size and not self._bad.size:
+            self._go_beyond(self._next_roots.at_once, t)
+
+    def _cause(self, j: int, before: int, fired: bool) -> str:
+        """Return the cause of the change of a row in a knot."""
+        if self._parts.mode[j] == OPEN:
+            return "open"
+        if before == 0 and self.now.motion.system.is_one_way[j]:
+            return "force 0"
+        return cause_of(before, int(self._parts.label[j]), fired)
+
+    def _armed_among(self, rows: Indices) -> int:
+        """Return how many guards some rows have while they move or are held."""
+        mode = self._parts.mode[rows]
+        of_held = self._next_roots.level_signs[:, rows[mode == 0]]
+        return int(np.count_nonzero(np.abs(mode) == 1) + np.count_nonzero(of_held))
 
     def _turn_over(self, j: int, t: float) -> bool:
         """Let an open row go on as its velocity passes 0; nothing else changes."""
@@ -578,3 +649,11 @@ class Local:
         regions = parts.elastic.region.copy()
         situation = Situation(t, y, parts.label.copy(), since, touching, fired, largest, regions)
         return Ending(situation, is_whole, np.array(crossed, dtype=np.intp), self._stopped)
+
+
+def _is_plain(now: Settled) -> bool:
+    """Tell whether a motion starts so that it can be followed part by part, with loads that can."""
+    guards, equations = now.guards, now.motion.equations
+    if equations.rises_push or equations.balance.parting is not None:
+        return False
+    return bool(((guards.order <= 1) | guards.is_border).all()) and now.motion.horizon > 0

@@ -42,7 +42,7 @@ from stickslip.events.settle import (
     settle,
     with_one,
 )
-from stickslip.events.situation import Situation
+from stickslip.events.situation import Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.bands import until_out_of_bands
@@ -146,7 +146,7 @@ class Run:
         assert now is not None
         self.most_guards = max(self.most_guards, now.guards.armed)
         if self._local is not None and not self._as_a_whole and self._local.takes(now):
-            end = self._local.follow(now, self.loads)
+            end = self._local.follow(now, self.loads, self._uncertainty)
             if end is not None:
                 self._go_on_from_parts(self._local, end)
                 return
@@ -282,8 +282,7 @@ class Run:
         since = np.where(before == 0, motion.since, t)
         alone = None if relaxed or t >= motion.segment.stop else alone_at_limit(now.guards, path)
         if alone is not None and self._enter_regions(now, path.last, t):
-            uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
-            following = with_one(now, t, path.last, since, *alone, uncertain)
+            following = with_one(now, t, path.last, since, *alone, self._uncertainty.velocity_uncertainty)
             if following is not None:
                 self.now, j = following, alone[0]
                 if following.labels[j] != before[j]:
@@ -373,11 +372,16 @@ class Run:
         inside = np.isin(np.arange(system.m), now.guards.in_band) & ~fired & (now.labels * w > 0)
         return np.asarray(inside | jump.parted & jump.hit.any())
 
+    @property
+    def _uncertainty(self) -> Uncertainty:
+        """What the errors of the run leave uncertain now."""
+        return self._wanted.uncertainty(self._fastest)
+
     def _settled(self, situation: Situation) -> Settled:
         situation = at_rest_in_bands(self.system, self.loads, situation)
         if self._borders is not None:
             self._borders.place(situation)
-        found = settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))
+        found = settle(self.system, self.loads.after(situation.t), situation, self._uncertainty)
         last = None if self.now is None else self.now.motion
         self._relaxation.check(last, found.motion, self._wanted.velocity_resolution)
         return found

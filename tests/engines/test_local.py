@@ -467,8 +467,12 @@ def test_power_is_watched_as_a_whole() -> None:
     assert found.t == pytest.approx(2.0, abs=1e-13)
 
 
-def test_what_begins_at_its_level_is_followed_as_a_whole_at_first() -> None:
-    """A load of 5 N at a level of 5 N falls and then rises: pieces of both kinds are read as one motion."""
+@pytest.mark.parametrize("smooth", [False, True])
+def test_what_begins_at_its_level_is_followed_part_by_part_if_it_leaves_with_a_slope(smooth: bool) -> None:
+    """A load of 5 N at a level of 5 N falls and then rises.
+
+    A body that leaves rest as t^2 is followed as a whole up to the first break: both kinds are read as one motion.
+    """
     law = DryFriction(0.5, 0.2, dwell=0.1)
     scene = Scene(
         Body("held", inertia=1.0),
@@ -477,9 +481,15 @@ def test_what_begins_at_its_level_is_followed_as_a_whole_at_first() -> None:
         Contact("at its level", "held", GROUND, DryFriction(0.5, 0.2), normal=10.0),
         Contact("c", "block", "belt", law, normal=10.0),
         Force("held", piecewise_linear([0.0, 1.0, 2.5], [5.0, 4.0, 7.0])),
+        Body("third", inertia=1.0),
+        *([Contact("smooth", "third", GROUND, DryFriction(0.5, 0.5), normal=10.0)] if smooth else []),
+        *([Force("third", piecewise_linear([0.0, 1.0], [5.0, 7.0]))] if smooth else []),
     )
     local, whole = both(scene, 3.0)
-    assert {type(part) for part in local.trajectory.parts} == {Piece, Patchwork}
+    assert {type(part) for part in local.trajectory.parts} == ({Piece, Patchwork} if smooth else {Patchwork})
+    np.testing.assert_allclose(
+        local.velocity("third"), smooth * np.where(local.t < 1, local.t**2, 2 * local.t - 1), atol=1e-13
+    )
     # 4 + 2 (t - 1) are 5 N again at 1.5 s; the block has 3 - t, and the belt t / 2
     assert [(e.contact, e.after) for e in local.events] == [("at its level", 1), ("c", 0)]
     assert [e.t for e in local.events] == pytest.approx([1.5, 2.0], abs=1e-13)

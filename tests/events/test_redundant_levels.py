@@ -294,7 +294,7 @@ def test_many_blocks_on_two_contacts_each_move_as_on_one(part_by_part: bool, mon
         double.append(Contact(f"c{i}", name, GROUND, law, normal=own))
         if is_double:
             double.append(Contact(f"d{i}", name, GROUND, law, normal=more))
-    monkeypatch.setattr(forest, "_MOST_IN_KNOTS", 1.0 if part_by_part else 0.0)
+    monkeypatch.setattr(forest, "_MOST_IN_ONE_KNOT", 1.0 if part_by_part else 0.0)
     found = simulate(Scene(*plain, *double), (0.0, 8.0))
     right = simulate(Scene(*plain, *single), (0.0, 8.0))
 

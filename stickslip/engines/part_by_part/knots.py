@@ -12,35 +12,41 @@ from stickslip.equations.algebra.matrices import dense
 from stickslip.equations.balance import Balance
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import ModeEquations
+from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 
 
 class Knot:
-    """The equations of one knot in the modes in which a motion begins.
+    """The equations of one knot in one set of modes.
+
+    `matrices` are the coefficients of its held rows on its bodies and on all drives, and the map from the forces on its
+    bodies to those that rows at their level would carry, the shares of `ModeEquations`.
 
     Attributes
     ----------
     bodies, held, at_level : array of int
         Its bodies, its held rows, and those that carry their level.
+    dependent : int
+        How many velocities of its bodies follow from others.
+    rests : bool
+        Whether any row is held: else each body moves by itself.
     mobility : array (k, k)
         Accelerations from the forces on the bodies.
     led : array (k, d)
         Accelerations from the accelerations of the drives.
     """
 
-    def __init__(self, equations: ModeEquations, bodies: Indices, rows: Indices) -> None:
-        system = equations.system
-        self.bodies = bodies
-        self.held, self.at_level = np.intersect1d(rows, equations.held), np.intersect1d(rows, equations.at_level)
-        G, D = dense(system.G[self.held])[:, bodies], dense(system.D[self.held])
+    def __init__(
+        self, system: System, bodies: Indices, held: Indices, at_level: Indices, matrices: tuple[Array, Array, Array]
+    ) -> None:
+        self.bodies, self.held, self.at_level = bodies, held, at_level
+        G, D, self._shares = matrices
         self._balance = balance = Balance(system.inertia[bodies], G, D, independent=system.independent)
+        self.dependent = balance.dependent.size
+        self.rests = held.size + at_level.size > 0
         nothing = np.zeros((bodies.size, system.drives))
         self.mobility = balance.accelerations(np.eye(bodies.size))
         self.led = balance.accelerations(nothing, np.eye(system.drives))
-        self._shares = np.empty((0, bodies.size))
-        if equations.shares is not None:
-            places = equations.at_level.searchsorted(self.at_level)
-            self._shares = dense(equations.shares[places])[:, bodies]
 
     def consistent(self, v: Array, u: Array) -> Array:
         """Return velocities, values or series, that satisfy the held rows to the last bit."""
@@ -70,6 +76,17 @@ class Knots:
             modes = equations.modes[rows].tobytes()
             latest = self._latest.get(k)
             if latest is None or latest[0] != modes:
-                latest = self._latest[k] = modes, Knot(equations, bodies, rows)
+                latest = self._latest[k] = modes, _knot_in(equations, bodies, rows)
             found.append(latest[1])
         return found
+
+
+def _knot_in(equations: ModeEquations, bodies: Indices, rows: Indices) -> Knot:
+    """Return the equations of one knot from those of the whole scene."""
+    held, at_level = np.intersect1d(rows, equations.held), np.intersect1d(rows, equations.at_level)
+    shares = np.empty((0, bodies.size))
+    if equations.shares is not None:
+        shares = dense(equations.shares[equations.at_level.searchsorted(at_level)])[:, bodies]
+    system = equations.system
+    G, D = dense(system.G[held])[:, bodies], dense(system.D[held])
+    return Knot(system, bodies, held, at_level, (G, D, shares))

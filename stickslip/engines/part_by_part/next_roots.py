@@ -60,18 +60,27 @@ class NextRoots:
         self.is_root, self.is_live = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
         self.direction = np.zeros(m, dtype=np.int8)
         self.at_once = np.empty(0, dtype=np.intp)
-        system, label, at_level = self._system, parts.label, parts.at_level
-        above, below = system.is_stop & (label > 0), system.is_stop & (label < 0)
-        self.level_signs = np.where(system.is_tie, 0, np.ones((2, m), dtype=np.int8))
-        self.level_signs[0, system.is_one_way | above | (at_level == AT_LOW)] = 0
-        self.level_signs[1, below | (at_level == AT_HIGH)] = 0
-        self.level_signs[:, at_level != 0] *= -1
-        self._signs_differ = bool((self.level_signs != 1).any())
+        system = self._system
         slick = system.is_one_way | system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) == 0)
-        self.near_rest = np.where(slick & (np.abs(parts.mode) == 1), margin, 0.0)
+        self._margin = np.where(slick, margin, 0.0)
+        self._from_level = np.zeros((2, m), dtype=bool)
+        self.level_signs, self.near_rest = np.zeros((2, m), dtype=np.int8), np.zeros(m)
+        self.enter_modes(np.arange(m))
         # of each border, how many zeros at the start of its series are divided out; or _STAYS
         self._zeros = np.zeros(self._system.piecewise.beyond.size, dtype=np.int8)
         self._borders_of, self.borders = np.zeros(m, dtype=np.intp), 0
+
+    def enter_modes(self, rows: Indices) -> None:
+        """Enter which guards some rows have in their present modes."""
+        system, label, at_level = self._system, self._parts.label[rows], self._parts.at_level[rows]
+        is_stop = system.is_stop[rows]
+        signs = np.where(system.is_tie[rows], 0, np.ones((2, rows.size), dtype=np.int8))
+        signs[0, system.is_one_way[rows] | is_stop & (label > 0) | (at_level == AT_LOW)] = 0
+        signs[1, is_stop & (label < 0) | (at_level == AT_HIGH)] = 0
+        signs[:, at_level != 0] *= -1
+        self.level_signs[:, rows] = signs
+        self._signs_differ = bool((self.level_signs != 1).any())
+        self.near_rest[rows] = np.where(np.abs(self._parts.mode[rows]) == 1, self._margin[rows], 0.0)
 
     def look(self, rows: Indices, t: float, is_live: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
@@ -95,11 +104,11 @@ class NextRoots:
         watched = parts.label[loose, None] * parts.watched[loose]
         if parts.moves_aside:
             watched[:, 0] -= self.near_rest[loose]
-        of_held, which_held = self._held(held, parts.watched[held], t)
+        of_held, which_held, at_level = self._held(held, parts.watched[held], t)
         g, which = np.concatenate([watched, of_held]), np.concatenate([loose, which_held])
-        late = parts.started[loose].nonzero()[0]
+        late = np.concatenate([parts.started[loose], at_level]).nonzero()[0]
         if late.size:
-            # divide out the zero of rows that start from rest
+            # divide out the zero of rows that start from rest or from their level
             g[late, :-1], g[late, -1] = g[late, 1:], 0.0
         self.at_once = gaps
         if gaps.size:
@@ -117,8 +126,13 @@ class NextRoots:
             self.when[self.at_once], self.is_root[self.at_once] = t, True
         return bad
 
-    def _held(self, rows: Indices, force: Array, t: float) -> tuple[Array, Indices]:
-        """Return the guards of held rows as series about `t`, as `force` is, and the row of each.
+    def start(self, rows: Indices, sides: Indices) -> None:
+        """Note from which of their levels held rows start; those that carry a level have a guard for this one only."""
+        self._from_level[:, rows] = self._parts.at_level[rows] != 0
+        self._from_level[sides, rows] = True
+
+    def _held(self, rows: Indices, force: Array, t: float) -> tuple[Array, Indices, Mask]:
+        """Return the guards of held rows as series about `t`, as `force` is, the row of each, and which start at 0.
 
         Static coefficients that rise stay as they are at `t`.
         """
@@ -127,11 +141,12 @@ class NextRoots:
         levels = parts.levels(rows, t)
         g[:, : levels.shape[2]] += levels.reshape(g.shape[0], levels.shape[2])
         which = np.concatenate([rows, rows])
+        at_level = (self._from_level[:, rows] & parts.started[rows]).ravel()
         if not self._signs_differ:
-            return g, which
+            return g, which, at_level
         signs = self.level_signs[:, rows].ravel()
         some = signs.nonzero()[0]
-        return signs[some, None] * g[some], which[some]
+        return signs[some, None] * g[some], which[some], at_level[some]
 
     def _look_at_gaps(self, rows: Indices, t: float) -> tuple[Array, Indices]:
         """Return the guards of gaps whose series begin at `t`, and for each the place of its gap among the rows."""
@@ -287,6 +302,8 @@ class NextRoots:
                 lag = float(system.rise[side, j]) * math.exp(-(t - parts.since[j]) / dwell)
                 g = _risen(g, lag, span / dwell, normal)
             g *= level_sign
+            if self._from_level[side, j] and parts.started[j] and t == parts.row_origin[j]:
+                g = np.append(g[1:], 0.0)
             if g[0] <= np.abs(g[1:]).sum():
                 self._enter(j, g, t, span, sign, self.roundoff_scale(j, t))
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):

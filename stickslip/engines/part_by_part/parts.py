@@ -70,7 +70,7 @@ class Parts:
         Taylor coefficients of what each row watches: the force of a held row, the stretch of a gap, the relative
         velocity of any other.
     started : array (m,) of bool
-        Moving rows that start from rest, and gaps that have just come into their regions.
+        Rows that start from rest or from a level, and gaps that have just come into their regions.
     mode : array (m,)
         Modes of rows as the equations have them, but 0 for rows that carry their level.
     at_level : array (m,)
@@ -107,10 +107,10 @@ class Parts:
         self._led = np.zeros(n, dtype=bool)
         self._led[forest.child[forest.gaps[forest.drive[forest.gaps] >= 0]]] = True
         self._any_led = bool(self._led.any())
-        self.mode, self.label, self.since = equations.modes.copy(), labels.copy(), motion.since.copy()
-        self.at_level = np.where((self.mode == AT_HIGH) | (self.mode == AT_LOW), self.mode, 0)
-        self.any_at_level = bool(self.at_level.any())
-        self.mode[self.at_level != 0] = 0
+        self.mode, self.label = np.zeros((2, m), dtype=np.int8)
+        self.at_level, self._is_loose = np.zeros(m, dtype=np.int8), np.zeros(m, dtype=bool)
+        self.since = motion.since.copy()
+        self.enter_modes(np.arange(m), equations.modes, labels)
         self.groups = Groups(forest, self._knots, ((self.mode == 0) & forest.in_tree).nonzero()[0])
         self.started = np.zeros(m, dtype=bool)
         self._place = np.full(n, -1)
@@ -121,13 +121,24 @@ class Parts:
         self.speed = np.abs(motion.y[:n])
         self.row_origin = np.full(m, motion.t)
         self.series_end, self.renewed_at = self.stop, motion.t
-        self.opens = bool((self.mode == OPEN).any())
-        # rows in no tree that move or carry no force
-        self._is_loose = ~forest.in_tree & ((np.abs(self.mode) == 1) | (self.mode == OPEN))
-        self.moves_aside = bool(self._is_loose.any())
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
         self._any_dwells = bool(self.dwells.any())
         self._enter_forces()
+
+    def enter_modes(self, rows: Indices, modes: Modes, labels: Modes) -> None:
+        """Enter the modes of some rows as the equations have them, and those that they show."""
+        at_level = np.where((modes == AT_HIGH) | (modes == AT_LOW), modes, 0)
+        self.at_level[rows], self.mode[rows], self.label[rows] = at_level, np.where(at_level != 0, 0, modes), labels
+        self.any_at_level, self.opens = bool(self.at_level.any()), bool((self.mode == OPEN).any())
+        # rows in no tree that move or carry no force
+        self._is_loose[rows] = ~self.forest.in_tree[rows] & ((np.abs(modes) == 1) | (modes == OPEN))
+        self.moves_aside = bool(self._is_loose.any())
+
+    def enter_knot(self, number: int, knot: Knot) -> int:
+        """Let a knot go on in other modes; return how many more velocities depend on others than before."""
+        before, self._knots[number] = self._knots[number], knot
+        self.enter_friction(knot.bodies)
+        return knot.dependent - before.dependent
 
     def _enter_forces(self) -> None:
         """Enter the loads, the constant parts of the forces of gaps, and friction among the forces on all bodies."""
@@ -244,6 +255,11 @@ class Parts:
         terms = powers(s, self.velocity.shape[1])
         terms *= self.velocity[bodies]
         return terms.sum(axis=1), self.position[bodies] + self.unit * s * (terms @ self._inverse[:-1])
+
+    def rates(self, bodies: Indices, t: float) -> tuple[Array, Array]:
+        """Return velocities and accelerations of some bodies at time `t`."""
+        v, a = self._about(bodies, t)[:, :2].T
+        return v, a / self.unit
 
     def forces_at(self, bodies: Indices, t: float) -> Array:
         """Return the series of loads and friction on some bodies from time `t` on: three terms, more with sines."""
@@ -466,10 +482,12 @@ class Parts:
         return rows, held
 
     def _knots_of(self, bodies: Indices) -> list[tuple[Knot, Indices]]:
-        """Return the knots among some bodies, and where their bodies stand."""
+        """Return the knots among some bodies in which a row is held, and where their bodies stand."""
         place, number = self._place, self.forest.knot_of[bodies]
+        found = [self._knots[k] for k in np.unique(number[number >= 0]).tolist() if self._knots[k].rests]
+        if not found:
+            return []
         place[bodies] = np.arange(bodies.size)
-        found = [self._knots[k] for k in np.unique(number[number >= 0]).tolist()]
         both = [(knot, place[knot.bodies]) for knot in found]
         place[bodies] = -1
         return both
