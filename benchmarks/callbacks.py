@@ -98,7 +98,7 @@ def main() -> None:
         none = np.zeros(system.m, dtype=bool)
         now = settle(
             system,
-            system.loads(0.0, 4.0),
+            system.loads(0.0, 4.0).after(0.0),
             Situation(0.0, y, None, np.zeros(system.m), none, none),
             Uncertainty(np.zeros(system.m), 1e-12, np.zeros(system.m)),
         )

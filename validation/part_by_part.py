@@ -225,9 +225,9 @@ def with_gaps(scene: Scene, seed: int) -> Scene:
 def with_schedules(scene: Scene, seed: int) -> Scene:
     """Return a scene in which bodies are loaded and contacts pressed from time to time, each by a schedule of its own.
 
-    Loads and normal forces kink and jump; many normal forces begin or end with 0.
+    Loads and normal forces kink and jump; many normal forces begin or end with 0. Belts kink, some of them jump.
     """
-    rng = np.random.default_rng(seed + 4000)
+    rng, of_belts = np.random.default_rng(seed + 4000), np.random.default_rng(seed + 6000)
 
     def schedule(levels: Sequence[float]) -> Signal:
         times = np.sort(rng.uniform(0.1, STOP - 0.1, int(rng.integers(2, 5))))
@@ -242,9 +242,15 @@ def with_schedules(scene: Scene, seed: int) -> Scene:
             assert isinstance(one.normal, Signal)
             level = one.normal.at(0.0)
             elements.append(replace(one, normal=schedule([0.0, level, 2.0 * level])))
+        elif isinstance(one, Drive) and of_belts.random() < 0.6:
+            times = np.repeat(np.sort(of_belts.uniform(0.1, STOP - 0.1, 4)), 2 if of_belts.random() < 0.2 else 1)
+            elements.append(
+                replace(one, velocity=piecewise_linear(times, of_belts.choice([-0.5, 0.0, 0.4], times.size)))
+            )
         else:
             elements.append(one)
     elements += [Force(body.name, schedule([0.0, 3.0, -3.0, 1.0])) for body in scene.bodies if rng.random() < 0.6]
+    elements += [Spring(body.name, "belt", stiffness=2.0) for body in scene.bodies if of_belts.random() < 0.2]
     return Scene(*elements)
 
 
@@ -332,8 +338,8 @@ def with_brakes(scene: Scene, seed: int) -> Scene:
         if rng.random() < 0.5:
             continue
         own = [pair for pair in ends if name in pair]
-        pair = own[int(rng.integers(len(own)))] if own and rng.random() < 0.5 else (name, str(rng.choice(OTHERS)))
-        law = DryFriction(*(float(x) for x in rng.uniform([0.25, 0.1], [0.5, 0.25])))
+        a, b = own[int(rng.integers(len(own)))] if own and rng.random() < 0.5 else (name, str(rng.choice(OTHERS)))
+        static, coulomb = rng.uniform([0.25, 0.1], [0.5, 0.25]).tolist()
         kind, level = rng.random(), float(rng.uniform(0.5, 5.0))
         t = np.sort(rng.uniform(0.0, STOP, 4))
         normal: Any = level
@@ -341,7 +347,7 @@ def with_brakes(scene: Scene, seed: int) -> Scene:
             normal = piecewise_linear(t, [0.0, level, 2.0 * level, 0.0])
         elif kind < 0.4:
             normal = sine(0.5 * level, 1.0, offset=level)
-        elements.append(Contact(f"brake {k}", *pair, law, normal=normal))
+        elements.append(Contact(f"brake {k}", a, b, DryFriction(static, coulomb), normal=normal))
         if rng.random() < 0.3:
             limit = bodies[name].position + float(rng.choice([0.5, 2.0, 9.0]))
             elements.append(Stop(f"stop {k}", name, GROUND, upper=limit))

@@ -13,7 +13,7 @@ import numpy as np
 from stickslip.equations.forest import Forest
 from stickslip.model.arrays import Array, Indices, Modes
 
-_CLEAR = 1e-9  # forces nearer to their levels than this part of them are settled with the whole scene
+CLEAR = 1e-9  # forces nearer to their levels than this part of them are settled with the whole scene
 _MOVES = 1e-7  # relative accelerations below this part of what the level would cause are, too
 
 
@@ -74,9 +74,9 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
         ratio = np.abs(shares) / level
         order = np.argsort(ratio)
         worst = int(order[-1])
-        if ratio[worst] < 1 - _CLEAR:
+        if ratio[worst] < 1 - CLEAR:
             break
-        if (np.abs(ratio - 1) <= _CLEAR).any() or (order.size > 1 and ratio[order[-2]] >= ratio[worst] * (1 - _CLEAR)):
+        if (np.abs(ratio - 1) <= CLEAR).any() or (order.size > 1 and ratio[order[-2]] >= ratio[worst] * (1 - CLEAR)):
             return None
         _release(tree, forest, mode, force, int(held[worst]), 1 if shares[worst] > 0 else -1, place, above)
     moving = mode.nonzero()[0]
@@ -99,9 +99,9 @@ def _settle_one(forest: Forest, tree: Tree, side: int) -> TreeModes | None:
         return None
     if not side:
         ratio = abs(share) / level
-        if ratio < 1 - _CLEAR:
+        if ratio < 1 - CLEAR:
             return TreeModes(np.zeros(1, dtype=np.int8), np.zeros(1, dtype=np.intp))
-        if ratio <= 1 + _CLEAR:
+        if ratio <= 1 + CLEAR:
             return None
         side = 1 if share > 0 else -1
     friction = float(tree.forward[0] if side > 0 else tree.backward[0])

@@ -30,7 +30,7 @@ from stickslip.equations.motion import Motion
 from stickslip.events.endings import arrives
 from stickslip.events.settle import Settled, open_or_close
 from stickslip.events.situation import Situation, Uncertainty
-from stickslip.events.trees import Tree, TreeModes, settle_tree
+from stickslip.events.trees import CLEAR, Tree, TreeModes, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.borders import TOGETHER
@@ -211,6 +211,9 @@ class Local:
             return self._ending(self._seen, _NONE, False)
         if is_break and not self._goes_on():
             return self._ending(t, _NONE, False)
+        if is_break and self._bad.size == 1 and not self._opened.size and self._lets_go(int(self._bad[0]), t):
+            # the row is settled: what it has changed is looked at as after any event
+            return self._ending(t, _NONE, True) if self._bad.size else None
         if not is_break:
             self._renew(t)
         if self._bad.size or self._opened.size:
@@ -243,9 +246,9 @@ class Local:
     def _goes_on(self) -> bool:
         """Go on beyond a break of the loads; False where the whole scene is to be settled there.
 
-        Forces and normal forces may change there: a contact that moves and is pressed from then on slips, and one that
-        is no longer pressed goes on without friction. Rows that the break takes beyond their limits are the `_bad` ones
-        afterwards, as after each expansion.
+        Forces, normal forces and accelerations of drives may change there: a contact that moves and is pressed from
+        then on slips, and one that is no longer pressed goes on without friction. Rows that the break takes beyond
+        their limits are the `_bad` ones afterwards, as after each expansion.
         """
         parts, motion, t = self._parts, self.now.motion, self._parts.stop
         if t >= self._timeline.stop:
@@ -257,13 +260,18 @@ class Local:
         watched = self._next_roots.moved(np.arange(self._forest.m), t)
         if not self._next_roots.all_move(watched, t):
             return False
-        felt = parts.go_on(motion.segment, after, changes)
+        drives, felt = parts.prescribed.drives, parts.go_on(motion.segment, after, changes)
         if felt is None:
             return False
         self._timeline.go_to(t, False)
         self._timeline.restarts += 1
         self.now = replace(self.now, motion=Motion(motion.equations, after, t, parts.state(t), parts.since.copy()))
-        self._tick(t, True)
+        if parts.prescribed.drives is drives:
+            self._tick(t, True)
+        else:
+            # what is kept of one stretch of time has one motion of all drives
+            self._renewals = 0
+            self._begin_anew(t)
         self._expand_anew(t, felt)
         self._enter_rows(changes)
         # the velocity of a contact has a guard while it is pressed
@@ -275,8 +283,20 @@ class Local:
             parts.watched[others], parts.row_origin[others], parts.started[others] = watched[others], t, False
             bad = self._next_roots.look(others, t, np.zeros(others.size, dtype=bool))
             self._bad = np.concatenate([self._bad, bad])
-        self._count_guards()
+        if not self._bad.size:
+            self._count_guards()
         return True
+
+    def _lets_go(self, j: int, t: float) -> bool:
+        """Settle what changes where a break takes one held row beyond its level; False where that is not clear."""
+        parts, knot = self._parts, int(self._forest.knot_of_row[j])
+        if parts.mode[j] or parts.at_level[j]:
+            return False
+        if knot >= 0:
+            return self._event_in_knot(knot, np.array([j]), t, False)
+        force = float(parts.watched[j, 0])
+        level = float(parts.levels(np.array([j]), t)[int(force < 0), 0, 0])
+        return abs(force) > (1 + CLEAR) * level and self._event_in_tree(j, t, 1 if force > 0 else -1, False)
 
     def _can_change(self, rows: Indices) -> bool:
         """Tell whether rows that move may be pressed, or no longer be pressed, without the whole scene."""
@@ -342,12 +362,15 @@ class Local:
         if rows.size == 1 and self._parts.mode[rows[0]] == OPEN:
             return self._turn_over(int(rows[0]), t)
         if rows.size == 1 and self._forest.in_tree[rows[0]]:
-            return self._event_in_tree(int(rows[0]), t)
+            return self._event_in_tree(int(rows[0]), t, int(self._next_roots.direction[rows[0]]), True)
         knots = self._forest.knot_of_row[rows]
-        return bool(knots[0] >= 0 and (knots == knots[0]).all()) and self._event_in_knot(int(knots[0]), rows, t)
+        return bool(knots[0] >= 0 and (knots == knots[0]).all()) and self._event_in_knot(int(knots[0]), rows, t, True)
 
-    def _event_in_tree(self, j: int, t: float) -> bool:
-        """Settle the groups at both ends of a row."""
+    def _event_in_tree(self, j: int, t: float, side: int, fired: bool) -> bool:
+        """Settle the groups at both ends of a row, which lets go in the direction `side` if it is held.
+
+        It has been found at its limit if it has `fired`.
+        """
         parts, forest = self._parts, self._forest
         before = int(parts.mode[j])
         groups = [int(parts.groups.of[forest.child[j]])]
@@ -359,27 +382,27 @@ class Local:
         if before:
             parts.since[j] = t
         tree, where = self._tree(j, groups, patch, before)
-        outcome = settle_tree(forest, tree, int(self._next_roots.direction[j]) if before == 0 else 0)
+        outcome = settle_tree(forest, tree, side if before == 0 else 0)
         if outcome is None or outcome.mode[0] == before:
             parts.since[j] = since
             return False
         self._timeline.pass_event(t, j)
-        self._change(t, tree, outcome, groups, patch, where, before)
+        self._change(t, tree, outcome, groups, patch, where, before, fired)
         return True
 
-    def _event_in_knot(self, number: int, fired: Indices, t: float) -> bool:
-        """Settle a knot of which rows are at their limits."""
+    def _event_in_knot(self, number: int, rows: Indices, t: float, fired: bool) -> bool:
+        """Settle a knot of which some rows are at their limits, or beyond these at a break if they have not `fired`."""
         parts, system = self._parts, self.now.motion.system
         if self._knot_scenes is None:
             self._knot_scenes = KnotScenes(system, self._forest.knots)
         scene = self._knot_scenes[number]
         has_fired = np.zeros(system.m, dtype=bool)
-        has_fired[fired] = True
+        has_fired[rows] = fired
         arrived = self.arrived(t, parts.mode == OPEN)
         found = scene.settled(parts, self.now.motion.segment, t, has_fired, arrived, self._uncertain)
         if found is None or not _is_plain(found):
             return False
-        self._timeline.pass_event(t, int(fired[0]))
+        self._timeline.pass_event(t, int(rows[0]))
         self._change_knot(number, scene, found, has_fired, t)
         return True
 
@@ -517,6 +540,7 @@ class Local:
         patch: Patch,
         where: Indices,
         before: int,
+        fired: bool,
     ) -> None:
         """Enter new modes, and expand the bodies that they reach."""
         parts, forest = self._parts, self._forest
@@ -545,7 +569,9 @@ class Local:
         self._armed += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
         self._count_guards()
-        noted = [(j, a, b, cause_of(a, b, j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)]
+        noted = [
+            (j, a, b, cause_of(a, b, fired and j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)
+        ]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
         for event in sorted(noted):
             self._recorder.note(t, *event)
@@ -593,12 +619,16 @@ class Local:
             not self._recorder.keeps_paths
             and self._patches.entries > _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]
         ):
-            self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
-            self._begin(t)
-            self._enter_bodies(np.arange(self._forest.n))
-            self._enter_rows((parts.mode == 0).nonzero()[0])
+            self._begin_anew(t)
             return
         self._patches.tick(t, is_event)
+
+    def _begin_anew(self, t: float) -> None:
+        """Hand over what is known up to time `t`, and go on with the series that hold there."""
+        self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
+        self._begin(t)
+        self._enter_bodies(np.arange(self._forest.n))
+        self._enter_rows((self._parts.mode == 0).nonzero()[0])
 
     def _enter_bodies(self, bodies: Indices) -> None:
         parts = self._parts

@@ -337,8 +337,12 @@ def test_breaks_of_loads_change_only_what_feels_them() -> None:
         assert np.array_equal(fine.force(f"c{i}"), np.where(within | (fine.t == a), 1.0, 0.0))
 
 
-def test_what_a_break_of_loads_sets_in_motion_is_settled_with_the_whole_scene() -> None:
-    """Of blocks at rest one is pushed beyond its level from 1 s on: ``v = (3 - 1) (t - 1)``; a drive kinks at 2 s."""
+@pytest.mark.parametrize("together", [False, True])
+def test_what_a_break_of_loads_sets_in_motion_is_settled_by_itself(together: bool) -> None:
+    """Of blocks at rest one is pushed beyond its level from 1 s on: ``v = (3 - 1) (t - 1)``; a drive kinks at 2 s.
+
+    Where another one is pushed as far in the same instant, the whole scene is settled.
+    """
     law = DryFriction(0.2, 0.1)
     scene = Scene(
         Drive("belt", velocity=piecewise_linear([2.0, 3.0], [0.5, 1.5])),
@@ -348,14 +352,49 @@ def test_what_a_break_of_loads_sets_in_motion_is_settled_with_the_whole_scene() 
         Contact("pad", "led", "belt", law, normal=10.0),
         Force("b7", piecewise_linear([1.0, 1.0], [0.0, 3.0])),
         Force("b8", piecewise_linear([1.5, 1.5], [0.0, 1.9])),
+        Force("b3", piecewise_linear([1.0, 1.0], [0.0, 3.0 if together else 1.0])),
     )
     with validation.part_by_part():
         result = simulate(scene, (0.0, 3.0))
-    assert [(e.contact, e.t, e.after) for e in result.events] == [("c7", 1.0, 1)]
-    # b8 stays at rest beyond its break; the whole scene is settled where b7 breaks away, and where the belt kinks
-    assert len(result.trajectory.parts) == 3
+    moved = ("c3", "c7") if together else ("c7",)
+    assert [(e.contact, e.t, e.after) for e in result.events] == [(name, 1.0, 1) for name in moved]
+    assert {e.cause for e in result.events} == {"breakaway with another event"}
+    # b8 stays at rest beyond its break; where the belt kinks, a new part of the results begins
+    assert len(result.trajectory.parts) == (3 if together else 2)
     assert result.velocity("b7")[-1] == pytest.approx(4.0, abs=1e-13)
     assert result.velocity("led")[-1] == 1.5
+
+
+def test_belts_that_kink_one_after_the_other_leave_all_others_alone() -> None:
+    """Belt i is at rest up to b, gains 2 m/s² for 0.5 s, and keeps its 1 m/s.
+
+    Friction moves what lies on it with 1 m/s² from b on, until both have 1 m/s at ``b + 1``. A spring to the belt
+    pulls another body, whose velocity after the kinks is ``w = a / omega (1 - cos omega t)`` summed over them.
+    """
+    many, law = 20, DryFriction(0.15, 0.1)
+    begin = 0.3 + 0.07 * np.arange(many)
+    scene = Scene(
+        *(
+            Drive(f"belt {i}", velocity=piecewise_linear([b, b + 0.5], [0.0, 1.0]))
+            for i, b in enumerate(begin.tolist())
+        ),
+        *(Body(f"b{i}", inertia=1.0) for i in range(many)),
+        *(Contact(f"c{i}", f"b{i}", f"belt {i}", law, normal=10.0) for i in range(many)),
+        *(Body(f"pulled {i}", inertia=1.0) for i in range(many)),
+        *(Spring(f"pulled {i}", f"belt {i}", stiffness=9.0) for i in range(many)),
+    )
+    local, _ = both(scene, 2.9)
+    slips = {e.contact: (e.t, e.after) for e in local.events if e.after}
+    sticks = {e.contact: e.t for e in local.events if not e.after}
+    for i, b in enumerate(begin.tolist()):
+        assert slips[f"c{i}"] == (b, -1)
+        assert sticks[f"c{i}"] == pytest.approx(b + 1.0, abs=1e-13)
+        v = sum(
+            sign * 2.0 * np.where(local.t > at, (local.t - at) - np.sin(3.0 * (local.t - at)) / 3.0, 0.0)
+            for at, sign in ((b, 1), (b + 0.5, -1))
+        )
+        np.testing.assert_allclose(local.velocity(f"pulled {i}"), v, atol=1e-12)
+    assert all(isinstance(part, Patchwork) for part in local.trajectory.parts)
 
 
 @pytest.mark.parametrize("late", [0.0, 1e-15, -1e-15, -1e-14])

@@ -150,8 +150,8 @@ class Parts:
     def go_on(self, before: Segment, after: Segment, changes: Indices) -> Mask | None:
         """Go on beyond a break of the loads; return the bodies that feel it (n,).
 
-        The rows `changes` are open from there on if they were not, and closed if they were open. None where sines or
-        drives change; then nothing is done.
+        The rows `changes` are open from there on if they were not, and closed if they were open. None where sines
+        change or drives jump; then nothing is done.
         """
         felt = self.prescribed.go_on(before, after)
         if felt is None:

@@ -18,8 +18,8 @@ from stickslip.model.arrays import Array, Indices, Mask
 class Prescribed:
     """Normal forces, drives, and forces on bodies between two breaks of the loads.
 
-    The inputs of the motion must be straight but for sines. `go_on` leads beyond a break at which only forces and
-    normal forces change.
+    The inputs of the motion must be straight but for sines. `go_on` leads beyond a break at which sines stay, and no
+    velocity of a drive jumps.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Prescribed:
     rows : SineShares
         The sines of normal forces.
     drives : Drives
-        Their motion, from the start of the motion that is followed on: it is the same beyond breaks.
+        Their motion, the same object beyond breaks that do not change it.
     force : array (n, 3)
         Forces on bodies in powers of the time since `start`, without sines.
     drive_size : array (d,)
@@ -50,7 +50,8 @@ class Prescribed:
     """
 
     def __init__(self, forest: Forest, motion: Motion) -> None:
-        self._system = system = motion.system
+        self._system, self._drive_of_row = motion.system, forest.drive
+        system = motion.system
         self._find_sines(forest, motion)
         self.has_series = forest.is_coupled or self.has_sines
         self.unit = forest.unit if self.has_series else motion.segment.stop - motion.t
@@ -81,9 +82,10 @@ class Prescribed:
             self.force[:, 2] += pulls @ (0.5 * a)[carried]
 
     def go_on(self, before: Segment, after: Segment) -> Mask | None:
-        """Go on beyond a break of the loads; return which normal forces and which bodies' forces change (m + n,).
+        """Go on beyond a break of the loads; return which rows' and which bodies' forces change (m + n,).
 
-        None, and nothing has changed, where sines or velocities of drives are others.
+        A row feels its normal force and its drive. None, and nothing has changed, where sines are others, the velocity
+        of a drive jumps, or drives with sines kink.
         """
         system, t = self._system, after.start
         own, others = before.sines, after.sines
@@ -92,10 +94,27 @@ class Prescribed:
         line = before.line(t)
         jumps = np.abs(after.value - line) > ROUNDOFF * (np.abs(after.value) + np.abs(line))
         changes = jumps | (after.slope != before.slope)
-        if system.drive_velocities(changes).any() or system.drive_accelerations(changes).any():
-            return None
+        kinks: Mask = np.logical_or(system.drive_velocities(changes), system.drive_accelerations(changes))
+        bodies = system.abs_Q @ changes[: system.inputs] > 0
+        if kinks.any():
+            # where a drive comes to rest in a corner, the roundoff of the time makes a small jump
+            late = ROUNDOFF * abs(t) * np.abs(system.drive_accelerations(line))
+            before_t, after_t = system.drive_velocities(line), system.drive_velocities(after.value)
+            smooth = np.abs(after_t - before_t) <= ROUNDOFF * (np.abs(before_t) + np.abs(after_t)) + late
+            if self._drives.has_any or not smooth.all():
+                return None
+            self._move_drives(t, after.value)
+            bodies |= abs(system.C)[:, system.carried_state] @ kinks[system.carried] > 0
         self._enter(t, after.stop, after.value, after.slope)
-        return np.concatenate([changes[: system.m], system.abs_Q @ changes[: system.inputs] > 0])
+        return np.concatenate([changes[: system.m] | np.append(kinks, False)[self._drive_of_row], bodies])
+
+    def _move_drives(self, t: float, q: Array) -> None:
+        """Let all drives go on from their positions at time `t` with the velocities and accelerations of inputs."""
+        system = self._system
+        start = self.drives.positions(np.arange(system.drives), np.array([t]))[:, 0]
+        u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
+        self.drives = Drives(start, u, t, self._drives.sines)
+        self.drive_velocities = LinesWithSines(u, t, self._drives, self.unit, self._terms)
 
     def _find_sines(self, forest: Forest, motion: Motion) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""
