@@ -52,6 +52,8 @@ class Prescribed:
     def __init__(self, forest: Forest, motion: Motion) -> None:
         self._system, self._drive_of_row = motion.system, forest.drive
         system = motion.system
+        # forces on bodies from the positions of drives
+        self._pulls = system.C[:, system.carried_state]
         self._find_sines(forest, motion)
         self.has_series = forest.is_coupled or self.has_sines
         self.unit = forest.unit if self.has_series else motion.segment.stop - motion.t
@@ -76,7 +78,7 @@ class Prescribed:
         self.force[:, 0], self.force[:, 1] = system.Q @ q[: system.inputs], system.Q @ slope[: system.inputs]
         if (carried := system.carried).size:
             # springs to drives
-            pulls = system.C[:, system.carried_state]
+            pulls = self._pulls
             self.force[:, 0] += pulls @ (self.drives.start + d * (v + 0.5 * d * a))[carried]
             self.force[:, 1] += pulls @ (v + d * a)[carried]
             self.force[:, 2] += pulls @ (0.5 * a)[carried]
@@ -104,7 +106,7 @@ class Prescribed:
             if self._drives.has_any or not smooth.all():
                 return None
             self._move_drives(t, after.value)
-            bodies |= abs(system.C)[:, system.carried_state] @ kinks[system.carried] > 0
+            bodies |= abs(self._pulls) @ kinks[system.carried] > 0
         self._enter(t, after.stop, after.value, after.slope)
         return np.concatenate([changes[: system.m] | np.append(kinks, False)[self._drive_of_row], bodies])
 
