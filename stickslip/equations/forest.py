@@ -27,7 +27,7 @@ _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
 # Most bodies of one knot, and the largest part of all: it is settled as a whole at each of its events.
-_LARGEST_KNOT, _MOST_IN_ONE_KNOT = 60, 0.5
+_LARGEST_KNOT, _MOST_IN_ONE_KNOT = 200, 0.5
 
 
 class Forest:
