@@ -8,6 +8,7 @@ with their velocities and accelerations.
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,13 +28,15 @@ from stickslip.model.elements.base import Element
 from stickslip.model.elements.book import GROUND
 from stickslip.model.scene import Scene
 
+_REMEMBERED = 2000  # scenes of knots that are kept: with their equations some 150 kB each where a knot has one body
+
 
 class KnotScenes:
-    """The scenes of the knots of a system, each made when it is first needed."""
+    """The scenes of the knots of a system, each made when it is needed; the latest are remembered."""
 
     def __init__(self, system: System, knots: list[Indices]) -> None:
         self._system, self._knots = system, knots
-        self._made: dict[int, KnotScene] = {}
+        self._remembered = lru_cache(maxsize=_REMEMBERED)(self._made)
         self._acting: dict[str, list[int]] = defaultdict(list)
         self._number_of_force: dict[int, int] = {}
         for place, element in enumerate(system.scene.elements):
@@ -44,14 +47,14 @@ class KnotScenes:
 
     def __getitem__(self, number: int) -> KnotScene:
         """Return the scene of a knot."""
-        found = self._made.get(number)
-        if found is None:
-            system, bodies = self._system, self._knots[number]
-            elements = system.scene.elements
-            places = sorted({k for i in bodies.tolist() for k in self._acting[system.names[i]]})
-            forces = [self._number_of_force[k] for k in places if isinstance(elements[k], Force)]
-            found = self._made[number] = KnotScene(system, bodies, [elements[k] for k in places], forces)
-        return found
+        return self._remembered(number)
+
+    def _made(self, number: int) -> KnotScene:
+        system, bodies = self._system, self._knots[number]
+        elements = system.scene.elements
+        places = sorted({k for i in bodies.tolist() for k in self._acting[system.names[i]]})
+        forces = [self._number_of_force[k] for k in places if isinstance(elements[k], Force)]
+        return KnotScene(system, bodies, [elements[k] for k in places], forces)
 
 
 class KnotScene:
