@@ -83,18 +83,16 @@ class KnotScene:
         self._whole = system
         names = dict.fromkeys(name for element in acting for name in _members(element))
         own = {system.names[i] for i in bodies.tolist()}
-        drives = {drive.name: k for k, drive in enumerate(system.scene.drives)}
         others = [name for name in names if name not in own and name != GROUND]
         stand_in = [Drive(name, velocity=0.0) for name in others]
         self.system = own_system = System(Scene(*acting, *stand_in))
         self.bodies = bodies
         self.rows = np.array([system.row_index[row.name] for row in own_system.rows], dtype=np.intp)
         self.is_gap = own_system.is_gap
+        numbers = np.array([system.index[name] for name in others], dtype=np.intp)
         # the drives of the whole scene, -1 for bodies; and the bodies, -1 for drives
-        self._drives = np.array([drives.get(name, -1) for name in others], dtype=np.intp)
-        beside = [-1 if name in drives else system.index[name] for name in others]
-        self._beside = np.array(beside, dtype=np.intp)
-        lead = self._drives
+        lead = self._drives = np.where(numbers >= system.n, numbers - system.n, -1)
+        self._beside = np.where(numbers < system.n, numbers, -1)
         parts = [
             self.rows,
             system.first_force + np.array(forces, dtype=np.intp),
@@ -104,9 +102,6 @@ class KnotScene:
         ]
         # where each input stands in the whole scene, -1 for the motion of bodies
         self._source = np.concatenate(parts)
-        self._place = np.full(system.inputs, -1)
-        given = (self._source >= 0).nonzero()[0]
-        self._place[self._source[given]] = given
         self._knots: dict[bytes, Knot] = {}
 
     def knot_in(self, equations: ModeEquations) -> Knot:
@@ -129,11 +124,11 @@ class KnotScene:
     ) -> Settled | None:
         """Return how the knot goes on at time `t` of a segment, None where only the whole scene can tell.
 
-        `fired` are rows of the whole scene found at their limit, `arrived` open ones that have come to rest.
+        `fired` are which of its rows have been found at their limit, `arrived` which open ones have come to rest.
         """
         own, rows = self._segment(parts, segment, t), self.rows
-        situation = self._situation(parts, t, fired[rows])
-        stops = open_from_here(self.system, parts.mode[rows], own.at(t)) & arrived[rows]
+        situation = self._situation(parts, t, fired)
+        stops = open_from_here(self.system, parts.mode[rows], own.at(t)) & arrived
         labels = np.where(stops, 0, parts.label[rows]).astype(np.int8)
         situation = situation._replace(labels=labels, touching=situation.touching | stops, arrived=stops)
         of_rows = uncertain._replace(velocity_resolution=uncertain.velocity_resolution[rows])
@@ -178,10 +173,10 @@ class KnotScene:
         value[at], slope[at] = v - a * (t - segment.start), a
         at = system.first_acceleration + beside
         value[at], slope[at] = a, 0.0
-        sines = segment.sines
-        own = (self._place[sines.entry] >= 0).nonzero()[0]
-        numbers = zip(self._place[sines.entry[own]].tolist(), *sines.numbers[:, own].tolist(), strict=True)
-        return Segment(segment.start, segment.stop, value, slope, list(numbers), [], False)
+        # every input of the whole scene stands in this one once at most
+        entry, own = (segment.sines.entry[:, None] == source).nonzero()
+        sines = zip(own.tolist(), *segment.sines.numbers[:, entry].tolist(), strict=True)
+        return Segment(segment.start, segment.stop, value, slope, list(sines), [], False)
 
 
 def _members(element: Element) -> list[str]:

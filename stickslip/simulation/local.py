@@ -396,9 +396,9 @@ class Local:
         if self._knot_scenes is None:
             self._knot_scenes = KnotScenes(system, self._forest.knots)
         scene = self._knot_scenes[number]
-        has_fired = np.zeros(system.m, dtype=bool)
-        has_fired[rows] = fired
-        arrived = self.arrived(t, parts.mode == OPEN)
+        has_fired, is_open = np.isin(scene.rows, rows) & fired, np.zeros(system.m, dtype=bool)
+        is_open[scene.rows] = parts.mode[scene.rows] == OPEN
+        arrived = self.arrived(t, is_open)[scene.rows]
         found = scene.settled(parts, self.now.motion.segment, t, has_fired, arrived, self._uncertain)
         if found is None or not _is_plain(found):
             return False
@@ -435,8 +435,8 @@ class Local:
         self._enter_rows(rows[inner])
         self._count_guards()
         noted = [
-            (int(j), int(was), int(parts.label[j]), self._cause(int(j), int(was), bool(has_fired[j])))
-            for j, was in zip(rows, before, strict=True)
+            (j, was, int(parts.label[j]), self._cause(j, was, fired))
+            for j, was, fired in zip(rows.tolist(), before.tolist(), has_fired.tolist(), strict=True)
             if parts.label[j] != was
         ]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist() if j not in rows]
