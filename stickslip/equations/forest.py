@@ -44,7 +44,9 @@ class Forest:
     sign : array (m,)
         Coefficient of the child: for a contact, ``w = sign (v_child - v_parent)``.
     drive : array (m,) of int
-        The drive of a row without a parent, -1 for the ground.
+        The drive of a row without a parent, -1 for the ground; one of them where a tie has several.
+    has_drives : array (m,) of bool
+        Rows with several drives.
     first, last : array (n,) of int
         The first and the last place of each body and all bodies beyond it.
     body_at : array (n,) of int
@@ -92,10 +94,11 @@ class Forest:
         a, b = np.full(m, -1), np.full(m, -1)
         # coefficients of the first body, of the second one, and of a drive
         lever = np.zeros((m, 3))
-        self.drive = np.full(m, -1)
+        self.drive, self.has_drives = np.full(m, -1), np.zeros(m, dtype=bool)
         for j, row in enumerate(system.rows):
             for i, c in row.coefficients.items():
                 if i >= n:
+                    self.has_drives[j] = self.drive[j] >= 0
                     self.drive[j], lever[j, 2] = i - n, c
                 elif a[j] < 0:
                     a[j], lever[j, 0] = i, c

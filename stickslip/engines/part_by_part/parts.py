@@ -153,7 +153,7 @@ class Parts:
         The rows `changes` are open from there on if they were not, and closed if they were open. None where sines
         change or drives jump; then nothing is done.
         """
-        felt = self.prescribed.go_on(before, after)
+        felt = self.prescribed.go_on(before, after, self._bound)
         if felt is None:
             return None
         self.stop = self.series_end = self.prescribed.stop
@@ -161,11 +161,20 @@ class Parts:
         self.mode[changes] = np.where(self.mode[changes] == OPEN, self.label[changes], OPEN)
         self.opens = bool((self.mode == OPEN).any())
         self._enter_forces()
-        pressed_anew, bodies = np.split(felt, [self.forest.m])
-        rows = np.concatenate([pressed_anew.nonzero()[0], changes])
+        feels, bodies = np.split(felt, [self.forest.m])
+        rows = np.concatenate([feels.nonzero()[0], changes])
         ends = np.concatenate([self.forest.child[rows], self.forest.parent[rows]])
         bodies[ends[ends >= 0]] = True
         return bodies
+
+    @property
+    def _bound(self) -> Mask:
+        """Held rows in knots that a drive may tear, or set in motion in spite of rows at their level."""
+        forest, knot = self.forest, self.forest.knot_of_row
+        held: Mask = (self.mode == 0) & (knot >= 0)
+        if held.any():
+            held &= (np.bincount(knot[held])[np.where(held, knot, 0)] > 1) | forest.has_drives
+        return held
 
     @property
     def is_bent(self) -> Mask:

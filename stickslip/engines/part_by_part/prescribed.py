@@ -50,8 +50,7 @@ class Prescribed:
     """
 
     def __init__(self, forest: Forest, motion: Motion) -> None:
-        self._system, self._drive_of_row = motion.system, forest.drive
-        system = motion.system
+        self._system = system = motion.system
         # forces on bodies from the positions of drives
         self._pulls = system.C[:, system.carried_state]
         self._find_sines(forest, motion)
@@ -83,11 +82,11 @@ class Prescribed:
             self.force[:, 1] += pulls @ (v + d * a)[carried]
             self.force[:, 2] += pulls @ (0.5 * a)[carried]
 
-    def go_on(self, before: Segment, after: Segment) -> Mask | None:
+    def go_on(self, before: Segment, after: Segment, bound: Mask) -> Mask | None:
         """Go on beyond a break of the loads; return which rows' and which bodies' forces change (m + n,).
 
-        A row feels its normal force and its drive. None, and nothing has changed, where sines are others, the velocity
-        of a drive jumps, or drives with sines kink.
+        A row feels its normal force and its drives. None, and nothing has changed, where sines are others, the velocity
+        of a drive jumps, or a drive kinks that has sines or one of the rows that are `bound`.
         """
         system, t = self._system, after.start
         own, others = before.sines, after.sines
@@ -97,18 +96,20 @@ class Prescribed:
         jumps = np.abs(after.value - line) > ROUNDOFF * (np.abs(after.value) + np.abs(line))
         changes = jumps | (after.slope != before.slope)
         kinks: Mask = np.logical_or(system.drive_velocities(changes), system.drive_accelerations(changes))
-        bodies = system.abs_Q @ changes[: system.inputs] > 0
+        rows, bodies = changes[: system.m], system.abs_Q @ changes[: system.inputs] > 0
         if kinks.any():
             # where a drive comes to rest in a corner, the roundoff of the time makes a small jump
             late = ROUNDOFF * abs(t) * np.abs(system.drive_accelerations(line))
             before_t, after_t = system.drive_velocities(line), system.drive_velocities(after.value)
             smooth = np.abs(after_t - before_t) <= ROUNDOFF * (np.abs(before_t) + np.abs(after_t)) + late
-            if self._drives.has_any or not smooth.all():
+            feels_kinks = system.abs_D @ kinks > 0
+            if self._drives.has_any or not smooth.all() or (feels_kinks & bound).any():
                 return None
+            rows = rows | feels_kinks
             self._move_drives(t, after.value)
             bodies |= abs(self._pulls) @ kinks[system.carried] > 0
         self._enter(t, after.stop, after.value, after.slope)
-        return np.concatenate([changes[: system.m] | np.append(kinks, False)[self._drive_of_row], bodies])
+        return np.concatenate([rows, bodies])
 
     def _move_drives(self, t: float, q: Array) -> None:
         """Let all drives go on from their positions at time `t` with the velocities and accelerations of inputs."""
