@@ -166,6 +166,7 @@ class KnotScene:
     def _segment(self, parts: Parts, segment: Segment, t: float) -> Segment:
         """Return the loads of a segment on the knot, and the motion at time `t` of what acts on it."""
         source, system = self._source, self.system
+        # those that stand nowhere in the whole scene are entered below
         value, slope = segment.value[source], segment.slope[source]
         beside = (self._beside >= 0).nonzero()[0]
         v, a = parts.rates(self._beside[beside], t)

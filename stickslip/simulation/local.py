@@ -50,6 +50,11 @@ _NONE = np.empty(0, dtype=np.intp)
 # in the unit of time of the series, that they may have come to rest.
 _LOOK_FOR_REST, _SLOW = 16, 1e-12
 
+# Renewals without an event between, at most, after which it is looked whether the whole scene could take steps that are
+# longer by so many times: light bodies on stiff springs make the unit of time short though they hardly move.
+_IDLE, _LONGER = 64, 4.0
+_REMAINDER = 1e-17
+
 _FLUSH = 50  # series for each body and row after which a run that keeps only outputs hands over what it has
 
 
@@ -97,6 +102,7 @@ class Local:
         self._bad = self._opened = _NONE
         self._any_slick = False
         self._renewals, self._until_look, self._seems_at_rest = 0, _LOOK_FOR_REST, False
+        self._idle, self._patience = 0, _IDLE
         self._stopped: str | None = None
 
     @property
@@ -139,6 +145,7 @@ class Local:
         Returns None if it is to be followed as a whole from its start on.
         """
         motion, guards = now.motion, now.guards
+        # series are exact: what is uncertain now stays so
         self.now, self._loads, self._uncertain = now, loads, uncertain
         parts = self._parts = Parts(self._forest, self._knots, self._elastic, motion, now.labels, self._work)
         self._next_roots = roots = NextRoots(parts, self._work, self._margin)
@@ -147,7 +154,7 @@ class Local:
         self._armed = self._armed_among(np.arange(parts.mode.size))
         self._seen = motion.t
         self._begin(motion.t)
-        started = self._starting(guards, np.arange(parts.mode.size))
+        started = self._enter_starts(guards, np.arange(parts.mode.size))
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
         slick = (roots.near_rest > 0).nonzero()[0]
         self._any_slick = bool(slick.size)
@@ -220,6 +227,8 @@ class Local:
             return self._ending(t, _NONE if is_break else self._bad, self._any_gap(self._bad))
         if not is_break and self._looks_at_rest():
             return self._ending(t, _NONE, False)
+        if not is_break and self._idles():
+            return self._ending(t, _NONE, True)
         return None
 
     def _stops_until(self, t: float) -> bool:
@@ -260,18 +269,18 @@ class Local:
         watched = self._next_roots.moved(np.arange(self._forest.m), t)
         if not self._next_roots.all_move(watched, t):
             return False
-        drives, felt = parts.prescribed.drives, parts.go_on(motion.segment, after, changes)
+        felt = parts.go_on(motion.segment, after, changes)
         if felt is None:
             return False
         self._timeline.go_to(t, False)
         self._timeline.restarts += 1
         self.now = replace(self.now, motion=Motion(motion.equations, after, t, parts.state(t), parts.since.copy()))
-        if parts.prescribed.drives is drives:
-            self._tick(t, True)
-        else:
-            # what is kept of one stretch of time has one motion of all drives
-            self._renewals = 0
+        if parts.prescribed.drives.since == t:
+            # what is kept of one stretch of time has one motion of all drives: where one kinks, another stretch begins
+            self._renewals = self._idle = 0
             self._begin_anew(t)
+        else:
+            self._tick(t, True)
         self._expand_anew(t, felt)
         self._enter_rows(changes)
         # the velocity of a contact has a guard while it is pressed
@@ -293,6 +302,7 @@ class Local:
         if parts.mode[j] or parts.at_level[j]:
             return False
         if knot >= 0:
+            # it is settled as the whole scene would be, however clear the force is
             return self._event_in_knot(knot, np.array([j]), t, False)
         force = float(parts.watched[j, 0])
         level = float(parts.levels(np.array([j]), t)[int(force < 0), 0, 0])
@@ -355,10 +365,28 @@ class Local:
             self._until_look *= 2
         return self._seems_at_rest
 
+    def _idles(self) -> bool:
+        """Tell whether nothing has happened for long, and the whole scene could go on in longer steps."""
+        self._idle += 1
+        parts, system = self._parts, self.now.motion.system
+        if self._idle < self._patience or system.sparse:
+            return False
+        self._idle = 0
+        # the last terms of the series are to be below roundoff of the first ones at the end of a step
+        sizes = np.abs(parts.velocity).max(axis=0)
+        left = float(sizes[-2:].max())
+        reach = left * _LONGER ** (sizes.size - 2)
+        found = bool(reach <= _REMAINDER * max(float(sizes[0]), float(sizes[1])))
+        # what has idled once will soon do so again
+        self._patience = max(self._patience // 4, 1) if found else _IDLE
+        return found
+
     # -- one event -------------------------------------------------------------------------------------------
 
     def _event(self, rows: Indices, t: float) -> bool:
         """Settle what rows at their limits change, and go on; False where the whole scene is to be settled."""
+        if (self._parts.mode[rows] == APART).any():
+            return False
         if rows.size == 1 and self._parts.mode[rows[0]] == OPEN:
             return self._turn_over(int(rows[0]), t)
         if rows.size == 1 and self._forest.in_tree[rows[0]]:
@@ -406,8 +434,8 @@ class Local:
         self._change_knot(number, scene, found, has_fired, t)
         return True
 
-    def _starting(self, guards: Guards, rows: Indices) -> Indices:
-        """Return the rows with a guard that leaves 0 with a slope; `rows` are all rows of the guards."""
+    def _enter_starts(self, guards: Guards, rows: Indices) -> Indices:
+        """Note which guards leave 0 with a slope, and return their rows; `rows` are all rows of the guards."""
         some = ((guards.order == 1) & ~guards.is_border).nonzero()[0]
         found: Indices = rows[guards.row[some]]
         self._next_roots.start(found, (guards.direction[some] < 0).astype(np.intp))
@@ -431,7 +459,7 @@ class Local:
         self._held += parts.enter_knot(number, scene.knot_in(own))
         self._most_held = max(self._most_held, self._held)
         self._tick(t, True)
-        self._expand(patch, v, t, self._starting(found.guards, rows))
+        self._expand(patch, v, t, self._enter_starts(found.guards, rows))
         self._enter_rows(rows[inner])
         self._count_guards()
         noted = [
@@ -440,10 +468,7 @@ class Local:
             if parts.label[j] != was
         ]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist() if j not in rows]
-        for event in sorted(noted):
-            self._recorder.note(t, *event)
-        if self._next_roots.at_once.size and not self._bad.size:
-            self._go_beyond(self._next_roots.at_once, t)
+        self._note(noted, t)
 
     def _cause(self, j: int, before: int, fired: bool) -> str:
         """Return the cause of the change of a row in a knot."""
@@ -573,7 +598,11 @@ class Local:
             (j, a, b, cause_of(a, b, fired and j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)
         ]
         noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
-        for event in sorted(noted):
+        self._note(noted, t)
+
+    def _note(self, events: list[tuple[int, int, int, str]], t: float) -> None:
+        """Keep the events of one instant, and let gaps go on that come to borders in it, too."""
+        for event in sorted(events):
             self._recorder.note(t, *event)
         if self._next_roots.at_once.size and not self._bad.size:
             self._go_beyond(self._next_roots.at_once, t)
@@ -614,7 +643,7 @@ class Local:
         parts = self._parts
         self._last = t
         if is_event:
-            self._renewals = 0
+            self._renewals = self._idle = 0
         if (
             not self._recorder.keeps_paths
             and self._patches.entries > _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]

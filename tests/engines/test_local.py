@@ -20,6 +20,7 @@ from stickslip import (
     Force,
     Gap,
     Mode,
+    Planetary,
     Result,
     Scene,
     Spring,
@@ -395,6 +396,59 @@ def test_belts_that_kink_one_after_the_other_leave_all_others_alone() -> None:
         )
         np.testing.assert_allclose(local.velocity(f"pulled {i}"), v, atol=1e-12)
     assert all(isinstance(part, Patchwork) for part in local.trajectory.parts)
+
+
+def beside(*elements: Any) -> Scene:
+    """Return a scene with 16 sliding blocks beside some elements."""
+    law, names = DryFriction(0.3, 0.2), [f"beside {i}" for i in range(16)]
+    return Scene(
+        *(Body(name, inertia=1.0, velocity=1.0) for name in names),
+        *(Contact(f"floor of {name}", name, GROUND, law, normal=1.0) for name in names),
+        *elements,
+    )
+
+
+def test_a_planetary_between_two_drives_follows_the_kinks_of_each() -> None:
+    """With ratio 2 the carrier has ``(sun + 2 ring) / 3``."""
+    for kinks in ("sun", "ring"):
+        moves = {name: piecewise_linear([1.0, 2.0], [1.0, 3.0]) if name == kinks else 1.0 for name in ("sun", "ring")}
+        scene = beside(
+            *(Drive(name, velocity=v) for name, v in moves.items()),
+            Body("carrier", inertia=1.0, velocity=1.0),
+            Planetary("gear", sun="sun", carrier="carrier", ring="ring", ratio=2.0),
+        )
+        local, _ = both(scene, 4.0)
+        last = {"sun": 1.0, "ring": 1.0} | {kinks: 3.0}
+        assert local.velocity("carrier")[-1] == pytest.approx((last["sun"] + 2 * last["ring"]) / 3, rel=1e-15)
+
+
+def test_a_belt_that_begins_to_move_is_torn_from_what_a_guide_holds() -> None:
+    """The guide holds 3 N, the belt 0.3 N: from 1 s on the belt slides below the body with 0.2 N."""
+    scene = beside(
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
+        Body("held", inertia=1.0),
+        Contact("guide", "held", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+        Contact("on belt", "held", "belt", DryFriction(0.3, 0.2), normal=1.0),
+    )
+    local, _ = both(scene, 4.0)
+    assert [(e.t, e.after) for e in local.events if e.contact == "on belt"] == [(1.0, -1)]
+    assert local.force("on belt")[-1] == pytest.approx(-0.2, rel=1e-14)
+
+
+def test_a_light_body_at_rest_does_not_make_the_steps_of_all_short() -> None:
+    """A body of 1e-7 kg is held: ``x'' = -1000 x`` for its neighbour on a spring of 1000 N/m.
+
+    If it moved, it would have 1e5 rad/s, and 3 s would take a hundred thousand steps.
+    """
+    scene = beside(
+        Body("heavy", inertia=1.0, position=1.0),
+        Body("light", inertia=1e-7),
+        Contact("clamp", "light", GROUND, DryFriction(0.3, 0.2), normal=1e4),
+        Spring("heavy", "light", stiffness=1000.0),
+    )
+    result = simulate(scene, (0.0, 3.0))
+    np.testing.assert_allclose(result.position("heavy"), np.cos(math.sqrt(1000.0) * result.t), atol=1e-11)
+    assert result.stats["steps"] < 3000
 
 
 @pytest.mark.parametrize("late", [0.0, 1e-15, -1e-15, -1e-14])
