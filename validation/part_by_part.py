@@ -409,8 +409,9 @@ def trees_with_gaps(number: int) -> Scene:
 
 
 def trees_with_followers(number: int) -> Scene:
-    """Return trees with forces that follow bodies."""
-    return with_followers(random_forest(number), number)
+    """Return trees with forces that follow bodies, every second one with contacts beside others."""
+    scene = random_forest(number)
+    return with_followers(with_brakes(scene, number) if number % 2 else scene, number)
 
 
 def trees_with_machines(number: int) -> Scene:

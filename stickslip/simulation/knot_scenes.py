@@ -45,14 +45,16 @@ class KnotScenes:
             if isinstance(element, Force):
                 self._number_of_force[place] = len(self._number_of_force)
 
-    def __getitem__(self, number: int) -> KnotScene:
-        """Return the scene of a knot."""
+    def __getitem__(self, number: int) -> KnotScene | None:
+        """Return the scene of a knot, None where forces that follow the motion act on it: they may read all others."""
         return self._remembered(number)
 
-    def _made(self, number: int) -> KnotScene:
+    def _made(self, number: int) -> KnotScene | None:
         system, bodies = self._system, self._knots[number]
         elements = system.scene.elements
         places = sorted({k for i in bodies.tolist() for k in self._acting[system.names[i]]})
+        if any(elements[k].quantities() for k in places):
+            return None
         forces = [self._number_of_force[k] for k in places if isinstance(elements[k], Force)]
         return KnotScene(system, bodies, [elements[k] for k in places], forces)
 

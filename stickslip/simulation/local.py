@@ -424,6 +424,8 @@ class Local:
         if self._knot_scenes is None:
             self._knot_scenes = KnotScenes(system, self._forest.knots)
         scene = self._knot_scenes[number]
+        if scene is None:
+            return False
         has_fired, is_open = np.isin(scene.rows, rows) & fired, np.zeros(system.m, dtype=bool)
         is_open[scene.rows] = parts.mode[scene.rows] == OPEN
         arrived = self.arrived(t, is_open)[scene.rows]

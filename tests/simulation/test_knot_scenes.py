@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,17 +16,21 @@ from stickslip import (
     Damper,
     Drive,
     DryFriction,
+    Force,
     Gear,
     Mode,
     Scene,
     Spring,
     Stop,
     piecewise_linear,
+    position,
     simulate,
+    velocity,
 )
 from stickslip.equations.system import System
 from stickslip.simulation import run
 from stickslip.simulation.knot_scenes import KnotScenes
+from validation.part_by_part import difference
 
 MANY = 24
 
@@ -116,6 +121,18 @@ def test_geared_wheels_stop_together() -> None:
     assert times == [0.0]
 
 
+def test_forces_that_follow_others_act_on_a_knot_in_the_whole_scene() -> None:
+    """Each wheel rubs in two places, and is pushed by a force that follows the next one: as a whole, as before."""
+    law, names = DryFriction(0.3, 0.2), [f"b{i}" for i in range(MANY)]
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=1.0 + 0.05 * i) for i, name in enumerate(names)),
+        *(Contact(f"c {name}", name, GROUND, law, normal=1.0) for name in names),
+        *(Contact(f"d {name}", name, GROUND, law, normal=2.0) for name in names),
+        *(Force(a, 0.3 * velocity(b) + 0.1 * position(b)) for a, b in pairwise(names[::2])),
+    )
+    assert difference(scene, 3.0) <= 1
+
+
 def test_what_acts_on_a_knot_is_in_its_scene() -> None:
     """A neighbour on a spring and a damper is a drive that goes on with its velocity and acceleration."""
     law = DryFriction(0.2, 0.1)
@@ -132,6 +149,7 @@ def test_what_acts_on_a_knot_is_in_its_scene() -> None:
     )
     system = System(scene)
     knot = KnotScenes(system, [np.array([0, 1])])[0]
+    assert knot is not None
     own = knot.system.scene
     assert [body.name for body in own.bodies] == ["a", "b"]
     assert {drive.name for drive in own.drives} == {"belt", "c"}
