@@ -29,5 +29,7 @@ def test_a_velocity_that_touches_0_with_nearly_its_level(short: float) -> None:
     system = System(scene)
     one, yes = np.ones(1, dtype=np.int8), np.ones(1, dtype=bool)
     touching = Situation(0.0, system.at_start(), one, np.zeros(1), yes, yes, touched=0)
-    found = settle(system, system.loads(0.0, 1.0), touching, Uncertainty(np.full(1, 1e-9), 1e-12, np.full(1, 1e-7)))
+    found = settle(
+        system, system.loads(0.0, 1.0).after(0.0), touching, Uncertainty(np.full(1, 1e-9), 1e-12, np.full(1, 1e-7))
+    )
     assert found.labels[0] == (0 if short > 2e-6 else 1)
