@@ -9,6 +9,7 @@ reaches are expanded anew. So are the bodies that feel a break.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,7 +96,6 @@ class Local:
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
         self._knots, self._elastic = Knots(forest), Elastic(forest)
-        self._knot_scenes: KnotScenes | None = None
         self._recorder, self._timeline, self._watch = recorder, timeline, watch
         self._margin = margin
         self.most_guards = self._held = self._most_held = self._armed = 0
@@ -104,6 +104,10 @@ class Local:
         self._renewals, self._until_look, self._seems_at_rest = 0, _LOOK_FOR_REST, False
         self._idle, self._patience = 0, _IDLE
         self._stopped: str | None = None
+
+    @cached_property
+    def _knot_scenes(self) -> KnotScenes:
+        return KnotScenes(self.now.motion.system, self._forest.knots)
 
     @property
     def modes(self) -> Modes:
@@ -275,12 +279,8 @@ class Local:
         self._timeline.go_to(t, False)
         self._timeline.restarts += 1
         self.now = replace(self.now, motion=Motion(motion.equations, after, t, parts.state(t), parts.since.copy()))
-        if parts.prescribed.drives.since == t:
-            # what is kept of one stretch of time has one motion of all drives: where one kinks, another stretch begins
-            self._renewals = self._idle = 0
-            self._begin_anew(t)
-        else:
-            self._tick(t, True)
+        # what is kept of one stretch of time has one motion of all drives: where one kinks, another stretch begins
+        self._tick(t, True, begins_anew=parts.prescribed.drives.since == t)
         self._expand_anew(t, felt)
         self._enter_rows(changes)
         # the velocity of a contact has a guard while it is pressed
@@ -421,8 +421,6 @@ class Local:
     def _event_in_knot(self, number: int, rows: Indices, t: float, fired: bool) -> bool:
         """Settle a knot of which some rows are at their limits, or beyond these at a break if they have not `fired`."""
         parts, system = self._parts, self.now.motion.system
-        if self._knot_scenes is None:
-            self._knot_scenes = KnotScenes(system, self._forest.knots)
         scene = self._knot_scenes[number]
         if scene is None:
             return False
@@ -641,25 +639,19 @@ class Local:
         rows = np.arange(self._forest.m)
         self._patches.rows(rows, parts.row_origin[rows], self._inner(rows), self._since(rows), np.zeros((rows.size, 0)))
 
-    def _tick(self, t: float, is_event: bool) -> None:
+    def _tick(self, t: float, is_event: bool, begins_anew: bool = False) -> None:
         parts = self._parts
         self._last = t
         if is_event:
             self._renewals = self._idle = 0
-        if (
-            not self._recorder.keeps_paths
-            and self._patches.entries > _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]
-        ):
-            self._begin_anew(t)
+        most = _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]
+        if begins_anew or (not self._recorder.keeps_paths and self._patches.entries > most):
+            self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
+            self._begin(t)
+            self._enter_bodies(np.arange(self._forest.n))
+            self._enter_rows((parts.mode == 0).nonzero()[0])
             return
         self._patches.tick(t, is_event)
-
-    def _begin_anew(self, t: float) -> None:
-        """Hand over what is known up to time `t`, and go on with the series that hold there."""
-        self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
-        self._begin(t)
-        self._enter_bodies(np.arange(self._forest.n))
-        self._enter_rows((self._parts.mode == 0).nonzero()[0])
 
     def _enter_bodies(self, bodies: Indices) -> None:
         parts = self._parts

@@ -104,9 +104,9 @@ class NextRoots:
         watched = parts.label[loose, None] * parts.watched[loose]
         if parts.moves_aside:
             watched[:, 0] -= self.near_rest[loose]
-        of_held, which_held, at_level = self._held(held, parts.watched[held], t)
+        of_held, which_held, starts = self._held(held, parts.watched[held], t)
         g, which = np.concatenate([watched, of_held]), np.concatenate([loose, which_held])
-        late = np.concatenate([parts.started[loose], at_level]).nonzero()[0]
+        late = np.concatenate([parts.started[loose], starts]).nonzero()[0]
         if late.size:
             # divide out the zero of rows that start from rest or from their level
             g[late, :-1], g[late, -1] = g[late, 1:], 0.0
@@ -141,12 +141,12 @@ class NextRoots:
         levels = parts.levels(rows, t)
         g[:, : levels.shape[2]] += levels.reshape(g.shape[0], levels.shape[2])
         which = np.concatenate([rows, rows])
-        at_level = (self._from_level[:, rows] & parts.started[rows]).ravel()
+        starts = (self._from_level[:, rows] & parts.started[rows]).ravel()
         if not self._signs_differ:
-            return g, which, at_level
+            return g, which, starts
         signs = self.level_signs[:, rows].ravel()
         some = signs.nonzero()[0]
-        return signs[some, None] * g[some], which[some], at_level[some]
+        return signs[some, None] * g[some], which[some], starts[some]
 
     def _look_at_gaps(self, rows: Indices, t: float) -> tuple[Array, Indices]:
         """Return the guards of gaps whose series begin at `t`, and for each the place of its gap among the rows."""

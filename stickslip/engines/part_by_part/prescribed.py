@@ -60,9 +60,7 @@ class Prescribed:
         q, slope = motion.segment.taylor(motion.t, 1, sines=False)
         start = np.zeros(system.drives)
         start[system.carried] = motion.y[system.carried_state]
-        u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
-        self.drives = Drives(start, u, motion.t, self._drives.sines)
-        self.drive_velocities = LinesWithSines(u, motion.t, self._drives, self.unit, self._terms)
+        self._move_drives(start, motion.t, q)
         self._enter(motion.t, motion.segment.stop, q, slope)
 
     def _enter(self, t: float, stop: float, q: Array, slope: Array) -> None:
@@ -106,15 +104,15 @@ class Prescribed:
             if self._drives.has_any or not smooth.all() or (feels_kinks & bound).any():
                 return None
             rows = rows | feels_kinks
-            self._move_drives(t, after.value)
+            positions = self.drives.positions(np.arange(system.drives), np.array([t]))[:, 0]
+            self._move_drives(positions, t, after.value)
             bodies |= abs(self._pulls) @ kinks[system.carried] > 0
         self._enter(t, after.stop, after.value, after.slope)
         return np.concatenate([rows, bodies])
 
-    def _move_drives(self, t: float, q: Array) -> None:
-        """Let all drives go on from their positions at time `t` with the velocities and accelerations of inputs."""
+    def _move_drives(self, start: Array, t: float, q: Array) -> None:
+        """Let all drives go on from positions at time `t` with the velocities and accelerations of inputs."""
         system = self._system
-        start = self.drives.positions(np.arange(system.drives), np.array([t]))[:, 0]
         u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
         self.drives = Drives(start, u, t, self._drives.sines)
         self.drive_velocities = LinesWithSines(u, t, self._drives, self.unit, self._terms)
